@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from polywigner.cli import main
-from polywigner.cli.options import check_writable, targets, writing
+from polywigner.cli.options import check_writable, targets, write
 from polywigner.cli.sources import frequency_text
 from polywigner.errors import ArgumentError
 
@@ -83,20 +83,21 @@ def test_an_unforeseen_error_says_how_to_report_it_and_shows_its_traceback_only_
 
 def test_files_appear_together_and_only_once_they_are_whole(tmp_path):
     paths = targets(tmp_path / "new" / "at_2.5", (".x", ".y"))
-    with writing(paths) as partials:
-        for partial in partials:
-            partial.write_text("whole")
+
+    def write_last(scratch):
+        assert ".partial." in scratch.name
         assert not any(path.exists() for path in paths)
-        assert all(".partial." in partial.name for partial in partials)
+        scratch.write_text("whole")
+
+    write(paths, [{}, write_last])
     assert [path.name for path in sorted((tmp_path / "new").iterdir())] == ["at_2.5.x", "at_2.5.y"]
 
 
 def test_a_failure_keeps_the_old_files_and_leaves_no_scratch(tmp_path):
     paths = targets(tmp_path / "a", (".x", ".y"))
     paths[0].write_text("old")
-    with pytest.raises(ZeroDivisionError), writing(paths) as partials:
-        partials[0].write_text("half")
-        raise ZeroDivisionError
+    with pytest.raises(ZeroDivisionError):
+        write(paths, [{}, lambda scratch: 1 / 0])
     assert [p.name for p in tmp_path.iterdir()] == ["a.x"]
     assert paths[0].read_text() == "old"
 

@@ -67,6 +67,8 @@ FILES: dict[str, str | bytes] = {
     "bright.xml": scene(CAMERA, WHITE, source(), FLOOR),
 }  # fmt: skip
 
+RADAR = Path(__file__).parents[1] / "examples" / "radar_77ghz" / "radar.xml"
+WAVEFORM = "--waveform '76.85 GHz + 300 MHz, 128 samples at 5 MHz, 8 chirps every 60 us'"
 LINE = '--line "0 mm, 0 mm, 20 mm to 0 mm, 0 mm, 90 mm"'
 BOX = '--box "-20 mm to 20 mm, -15 mm to 15 mm, 30 mm to 60 mm"'
 SMALL = f'{BOX} --shape "6 x 5 x 4" --engine numpy'
@@ -243,6 +245,15 @@ BAD: dict[str, str] = {
         absent.xml => not a file
         square.wkt => polywigner transform
     """,
+    f"radar {RADAR}": f"""
+        --waveform "77 GHz" => such as
+        {WAVEFORM} --velocity "car 3" => VX, VY, VZ
+        {WAVEFORM} --velocity "moon = 1, 0, 0" --points 9 => moon
+        {WAVEFORM} --window none --points 9 => window
+        {WAVEFORM} --velocity "car = 1, 0, 0" --velocity "car = 1, 0, 0" => got several
+        {WAVEFORM} --velocity "car = 4e8, 0, 0" => speed below
+    """,
+    "radar": f"absent.xml {WAVEFORM} => absent.xml",
     "": """
         reder => reder
         render => Missing argument
@@ -250,7 +261,7 @@ BAD: dict[str, str] = {
         render scene.xml --spp many => --spp
     """,
 }
-DRJIT = ("render --variant", "render lit.xml", "receive")
+DRJIT = ("render --variant", "render lit.xml", "receive", "radar")
 
 
 def cases() -> Iterator[object]:
@@ -259,7 +270,9 @@ def cases() -> Iterator[object]:
         for line in filter(str.strip, lines.splitlines()):
             options, _, words = line.partition("=>")
             whole = f"{command} {options.strip()}".strip()
-            yield pytest.param(whole, words.strip(), marks=marks, id=whole[:70])
+            yield pytest.param(
+                whole, words.strip(), marks=marks, id=whole.replace(f"{RADAR}", "radar.xml")[:70]
+            )
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""Files and errors of ``polywigner radar``."""
+"""Files of ``polywigner radar``."""
 
 from pathlib import Path
 
@@ -35,23 +35,3 @@ def test_zarr_replaces_an_earlier_store(tmp_path):
         assert main(["radar", SCENE, "--waveform", waveform, *out]) == 0
     with xarray.open_zarr(tmp_path / "street.zarr", consolidated=False) as cube:
         assert cube["signal"].shape == (1, 1, 1, 4, 128) and cube["signal"].dtype == complex
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["none.xml", "--waveform", WAVEFORM], "none.xml"),
-        ([SCENE, "--waveform", "77 GHz"], "such as"),
-        ([SCENE, "--waveform", WAVEFORM, "--velocity", "car 3"], "VX, VY, VZ"),
-        ([SCENE, "--waveform", WAVEFORM, "--velocity", "moon = 1, 0, 0", "--points", "9"], "moon"),
-        ([SCENE, "--waveform", WAVEFORM, "--window", "none", "--points", "9"], "window"),
-        ([SCENE, "--waveform", WAVEFORM, *2 * ("--velocity", "car = 1, 0, 0")], "got several"),
-        ([SCENE, "--waveform", WAVEFORM, "--velocity", "car = 4e8, 0, 0"], "speed below"),
-    ],
-)
-def test_bad_input_is_one_line_and_writes_nothing(arguments, words, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    assert main(["radar", *arguments]) == 2
-    message = capsys.readouterr().err
-    assert words in message and message.count("\n") == 1
-    assert not list(tmp_path.iterdir())

@@ -24,9 +24,12 @@ def points(count, seed=0):
     return rng.uniform(-0.5, 0.5, (count, 2)), rng.uniform(-5, 5, (count, 2))
 
 
-def in_engine(*arrays):
+def in_engine(*arrays, ad=False):
     import drjit as dr
-    import drjit.llvm as backend
+    import drjit.llvm
+    import drjit.llvm.ad
+
+    backend = drjit.llvm.ad if ad else drjit.llvm
 
     result = [backend.Array2f64(*(column.tolist() for column in a.T)) for a in arrays]
     dr.eval(result)
@@ -46,6 +49,38 @@ def test_any_number_of_samples_goes_through_a_kernel_traced_once():
             assert largest(pw.wigner(source, x, nu, engine="llvm") - expected) < allowed
             result = np.array(pw.wigner(source, *in_engine(x, nu)))
             assert largest(result - expected) < allowed
+
+
+def test_repeated_calls_at_drjit_points_keep_values_and_gradients():
+    """Such calls are recorded from the eighth call on."""
+    import drjit as dr
+
+    moved = pw.shapes.regular_polygon(30, 0.5).moved((0.3, -0.1))
+    tapered = CHEVRON.with_illumination(pw.cosine_taper(2.0, 1.2))
+    sizes = [1000, 7, 1, 20_000, 1, 33, 4, 500, 1, 3000, 5]
+    for transform, source in (
+        (pw.wigner, SQUARE),
+        (pw.wigner, moved),
+        (pw.wigner, tapered),
+        (pw.ambiguity, CHEVRON),
+        (pw.ambiguity, moved),
+        (pw.fourier, moved),
+    ):
+        gradients = []
+        for seed, count in enumerate(sizes):
+            given = points(count, seed)[-1:] if transform is pw.fourier else points(count, seed)
+            expected = transform(source, *given, engine="numpy")
+            in_drjit = transform(source, *in_engine(*given, ad=True))
+            parts = [in_drjit.real, in_drjit.imag] if dr.is_complex_v(in_drjit) else [in_drjit]
+            values = np.array(parts[0]) + 1j * np.array(parts[-1]) * (len(parts) - 1)
+            assert largest(values - expected) < ROUNDING
+            if seed in (0, len(sizes) - 1):
+                fixed = in_engine(*points(100), ad=True)[-len(given) :]
+                dr.enable_grad(*fixed)
+                dr.backward(dr.sum(dr.real(transform(source, *fixed))))
+                gradients.append(np.concatenate([np.array(dr.grad(array)) for array in fixed]))
+        assert largest(gradients[0]) > 0.0
+        assert largest(gradients[0] - gradients[1]) == EXACT
 
 
 def test_every_transform_repeats_itself():

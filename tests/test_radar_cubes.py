@@ -199,7 +199,7 @@ def test_sums_over_scatterers_equal_the_plain_sum(spread):
     times = 1e-5 + 60e-6 * np.arange(4)[None]
     ends = radar_cubes._Radar(waveform, [], [], np.empty(0), times, CENTRE)
     cloud = radar_cubes._Cloud(responses, np.ones((1, count)), delays[None], rates, excess)
-    result = radar_cubes._scattered(ends, cloud, np.ones(count), 0)
+    result = radar_cubes._scattered_signal(ends, cloud, np.ones(count), 0)
     f = waveform.frequencies
     for m in range(3):
         tau = delays[:, None] + rates[:, None] * (times[0, m] + waveform.times)

@@ -9,7 +9,7 @@ from scipy.special import fresnel
 
 import polywigner as pw
 from polywigner.errors import ArgumentError, PolywignerError
-from polywigner.propagation.screens import incident_of_point
+from polywigner.propagation.screens import spherical_field
 
 K = 2 * math.pi  # wavelength of 1
 L_SHAPE = [(-1.0, -0.7), (1.3, -0.7), (1.3, 0.2), (0.1, 0.2), (0.1, 1.2), (-1.0, 1.2)]
@@ -69,7 +69,7 @@ def test_a_plate_and_an_opening_add_up_to_the_free_field():
         pw.amplitude(pw.Screen(outline, light, kind), POINTS, 1.0, "kirchhoff")
         for kind in ("plate", "opening")
     )
-    free = 2j * incident_of_point(light.position, np.array(POINTS), 1.0)
+    free = 2j * spherical_field(light.position, np.array(POINTS), 1.0)
     assert np.abs(plate + opening - free).max() < 1e-15
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from polywigner.cli.propagate import parse_region, samples_of_box, samples_of_region
+from polywigner.cli.propagate import Region, parse_region, samples_of_region
 from polywigner.errors import ArgumentError
 
 WAVELENGTH = 299_792_458 / 94e9
@@ -218,23 +218,23 @@ def test_every_place_of_the_command_line_gets_what_its_field_needs(kind):
     text, fewest, options, size = PLACES[kind]
     place = parse_region({kind: text}, None)
     small, wide = (pw.shapes.square(n * WAVELENGTH) for n in (2, size))
-    assert samples_of_region(small, place, WAVELENGTH, amplitude=False) == fewest
-    chosen = samples_of_region(wide, place, WAVELENGTH, amplitude=False)
+    assert samples_of_region(small, place, WAVELENGTH) == fewest
+    chosen = samples_of_region(wide, place, WAVELENGTH)
     assert max(np.array(chosen) / fewest) > 1
     axes = pw.suggest_sampling(wide, WAVELENGTH, "irradiance", **options).axes
     for count, axis in zip(chosen, [axis for axis in axes if axis.step], strict=False):
-        extent = axis.high - axis.low if kind != "arc" else 2 * place.reach
+        extent = axis.high - axis.low if kind != "arc" else 2 * place.largest_theta
         assert extent / count <= axis.nyquist / 2
 
 
 def test_a_box_is_as_fine_as_its_field_up_to_a_million_samples_and_then_says_so():
     square = pw.shapes.square(10e-3)
-    far = ((-0.02, -0.02, 0.3), (0.02, 0.02, 0.4))
-    assert samples_of_box(square, far, WAVELENGTH) == (64, 64, 64)
-    near = ((-0.02, -0.02, 0.01), (0.02, 0.02, 0.12))
+    far = Region("box", (), ((-0.02, -0.02, 0.3), (0.02, 0.02, 0.4)))
+    assert samples_of_region(square, far, WAVELENGTH) == (64, 64, 64)
+    near = Region("box", (), ((-0.02, -0.02, 0.01), (0.02, 0.02, 0.12)))
     wanted = [axis.count for axis in pw.suggest_sampling(square, WAVELENGTH, "irradiance",
-                                                         box=near).axes]  # fmt: skip
-    assert samples_of_box(square, near, WAVELENGTH) == tuple(max(64, n) for n in wanted)
+                                                         box=near.points).axes]  # fmt: skip
+    assert samples_of_region(square, near, WAVELENGTH) == tuple(max(64, n) for n in wanted)
+    large = Region("box", (), ((-0.5, -0.5, 0.01), (0.5, 0.5, 1.0)))
     with pytest.warns(RuntimeWarning, match="--shape"):
-        large = samples_of_box(square, ((-0.5, -0.5, 0.01), (0.5, 0.5, 1.0)), WAVELENGTH)
-    assert max(large) == 101
+        assert max(samples_of_region(square, large, WAVELENGTH)) == 101

@@ -16,14 +16,14 @@ PAGE = Path(__file__).parents[1] / "docs" / "cli.md"
 
 HEAD = """# Command line
 
-Every command of `polywigner`, with its arguments and options. Lengths, frequencies, angles and
-powers are texts with units, such as `"10 mm"`, `"94 GHz"`, `"20 deg"`, `"10 dBm"`. Bad input ends a
-command with one line and exit code 2. A command writes its files completely or not at all, into the
-current folder unless `--out` names another folder, or a path without suffix.
+Lengths, frequencies, angles and powers are texts with units, such as `"10 mm"`, `"94 GHz"`,
+`"20 deg"`, `"10 dBm"`. If the input is invalid, a command prints one line and returns exit code 2.
+A command writes its files completely or not at all, into the current folder unless `--out` names
+another folder, or a path without suffix.
 
-Long work shows a progress bar if stderr is a terminal. Ctrl-C ends a command with exit code 130 and
-one line, once the current part of the work has finished: about a second for transforms, some
-seconds for fields near a source and for renders.
+Long calls show a progress bar if stderr is a terminal. After Ctrl-C, a command prints one line and
+returns exit code 130 when the current part of the work has finished: after about a second for
+transforms, and after some seconds for fields near a source and for renders.
 """
 
 OF_SOURCES = ("mtf", "pattern", "propagate", "psf", "transform", "volume")
@@ -70,8 +70,8 @@ def _section(name: str, command: Any, rows: list[str]) -> Iterator[str]:
     yield f"```text\npolywigner {name} {usage} [OPTIONS]".replace("  ", " ") + "\n```\n"
     titles = [title for title, names in GROUPS.items() if name in names]
     if titles:
-        links = ", the ".join(f"[{title.lower()}]({_anchor(title)})" for title in titles)
-        yield f"Takes the {links}, and:\n"
+        links = ", ".join(f"[{title.lower()}]({_anchor(title)})" for title in titles)
+        yield f"Shared options: {links}.\n"
     yield from (*TABLE, *rows, "")
 
 

@@ -235,11 +235,12 @@ def parse_waveform(text: str | FMCW) -> FMCW:
 
 
 def waveform_attrs(waveform: FMCW) -> dict[str, Any]:
+    """Return the parameters of a waveform as attributes of a data cube."""
     return {"waveform": waveform.repetition, **asdict(waveform)}
 
 
 def waveform_of(cube: Any) -> FMCW:
-    """Return the waveform of a data cube; raise ArgumentError for other arguments."""
+    """Return the waveform of a data cube; raise ArgumentError for other objects."""
     try:
         names = [field.name for field in fields(FMCW)]
         if tuple(cube["signal"].dims) == CUBE_DIMS:
@@ -422,8 +423,9 @@ def detections(
         raise ArgumentError(f"false_alarm must be between 0 and 1, got {value_text(false_alarm)}")
     modes = ["wrap" if dim == "range_rate" else "reflect" for dim in image.dims[-2:]]
 
-    def sums(reach: list[int]) -> tuple[Floats, int]:
-        sizes = [2 * n + 1 for n in reach]
+    def sums(half_widths: list[int]) -> tuple[Floats, int]:
+        """Return sums of the image over windows around each bin, and the number of bins."""
+        sizes = [2 * n + 1 for n in half_widths]
         mean = filters.uniform_filter(image.values, sizes, mode=modes, axes=(-2, -1))
         return mean * np.prod(sizes), int(np.prod(sizes))
 
@@ -468,7 +470,11 @@ def _by_rate(cube: Any, window: str, pad: int) -> tuple[Complex, Floats, float]:
 
 
 def _by_range(cube: Any, spectra: Complex, window: str, pad: int) -> tuple[Complex, Floats, float]:
-    """Transform spectra to ranges; return values, ranges in m, and the gain of noise power."""
+    """Transform spectra to ranges; return values, ranges in m, and the gain of noise power.
+
+    ``spectra`` has the frequencies of the waveform along its last axis. ``pad`` is the number of
+    bins per resolution cell.
+    """
     waveform = waveform_of(cube)
     bins = waveform.samples * checked_count(pad, "pad", 1, 64)
     weights = window_of(window, waveform.samples)
@@ -481,6 +487,7 @@ def _by_range(cube: Any, spectra: Complex, window: str, pad: int) -> tuple[Compl
 def _labelled(
     values: Floats, dims: Sequence[str], coords: dict[str, Floats], cube: Any, floor: Any
 ) -> xarray.DataArray:
+    """Return received power as a DataArray; ``floor`` is the noise power of a bin in W."""
     import xarray
 
     units = {"range": "m", "range_rate": "m/s", "direction_cosine": "1"}

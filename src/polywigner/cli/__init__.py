@@ -23,7 +23,7 @@ from polywigner.cli import (
     source_commands,
 )
 from polywigner.cli.options import Text, with_options
-from polywigner.cli.sources import Reading, WaveOptions
+from polywigner.cli.sources import ReadingOptions, WaveOptions
 from polywigner.errors import PolywignerError
 
 __all__ = ["main"]
@@ -53,10 +53,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         try:
             code = app(args=arguments, prog_name="polywigner", standalone_mode=False)
         except (KeyboardInterrupt, Exception) as error:
-            code = _INTERRUPTED if _is_interruption(error) else _from_exception(error)
+            code = _INTERRUPTED if _is_interruption(error) else _report_exception(error)
     # Typer returns the exit code of `typer.Exit`, and 130 after Ctrl-C.
     if code == _INTERRUPTED:
-        _say("interrupted", _INTERRUPTED)
+        _report("interrupted", _INTERRUPTED)
     return code if isinstance(code, int) else 0
 
 
@@ -69,11 +69,12 @@ def _is_interruption(error: BaseException | None) -> bool:
     return False
 
 
-def _from_exception(error: BaseException) -> int:
+def _report_exception(error: BaseException) -> int:
+    """Write an error message on stderr for an exception, and return the exit code."""
     if isinstance(error, PolywignerError):
-        return _say(f"error: {error}", _BAD_INPUT)
+        return _report(f"error: {error}", _BAD_INPUT)
     if isinstance(error, MemoryError):
-        return _say(f"error: out of memory ({error}); use fewer samples or pixels", _FAILED)
+        return _report(f"error: out of memory ({error}); use fewer samples or pixels", _FAILED)
     if isinstance(error, BrokenPipeError):
         # At exit, Python flushes stdout, which would raise BrokenPipeError again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -84,12 +85,12 @@ def _from_exception(error: BaseException) -> int:
             print(error.format_message().rstrip())
             return _BAD_INPUT
         text = error.format_message().rstrip(".")
-        return _say(f"error: {text}; see `polywigner --help`", _BAD_INPUT)
+        return _report(f"error: {text}; see `polywigner --help`", _BAD_INPUT)
     if os.environ.get(_DEBUG) == "1":
         import traceback
 
         traceback.print_exc()
-    return _say(
+    return _report(
         f"error: unexpected {type(error).__name__}: {error} (this is a bug in polywigner: please "
         f"report it with the traceback that {_DEBUG}=1 shows)",
         _FAILED,
@@ -97,16 +98,18 @@ def _from_exception(error: BaseException) -> int:
 
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
-    _say(f"warning: {message}", 0)
+    """Write a Python warning on stderr as a single line."""
+    _report(f"warning: {message}", 0)
 
 
-def _say(message: str, code: int) -> int:
+def _report(message: str, code: int) -> int:
     """Write a message on stderr as a single line, and return the exit code."""
     sys.stderr.write("polywigner: " + " ".join(message.split()) + "\n")
     return code
 
 
 app = typer.Typer(
+    help="Coherent radiation of polygonal apertures: transforms in closed form, and rendering.",
     add_completion=True,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -116,6 +119,7 @@ app = typer.Typer(
 
 
 def _show_version(is_requested: bool) -> None:
+    """Print the version and exit if --version is specified."""
     if is_requested:
         from polywigner import __version__
 
@@ -124,19 +128,19 @@ def _show_version(is_requested: bool) -> None:
 
 
 @app.callback()
-def _polywigner(
+def _common_options(
     version: Annotated[
         bool,
         typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version."),
     ] = False,
 ) -> None:
-    """Coherent radiation of polygonal apertures: transforms in closed form, and rendering."""
+    """Define the options that precede the name of a command."""
 
 
 def explore(
     aperture: Annotated[Text, typer.Argument(help="Aperture file (default: a chevron).")] = None,
     *,
-    reading: Reading,
+    reading: ReadingOptions,
     wave: WaveOptions,
     port: Annotated[int, "Port of the server; 0: any free port."] = 5006,
     browser: Annotated[bool, "Open the page in a browser."] = True,

@@ -26,6 +26,8 @@ assert list(x) == [min(k - 7.5, 2.0) for k in range(16)], "its kernels return wr
 
 
 class Row(NamedTuple):
+    """A row of the report. ``works`` is "yes", "no" or "-" (optional and missing)."""
+
     subject: str
     works: str
     text: str
@@ -48,14 +50,15 @@ def doctor(
         _llvm_row(status),
         gpu,
         python,
-        *map(_library_row, _required_libraries()),
+        *(_library_row(name) for name in sorted({*_requirements()[""], "drjit"})),
         _rendering_row(status, gpu),
     ]
-    _print(rows + _extras())
+    _print_table(rows + _extras())
     raise typer.Exit(0 if transforms.works == _GOOD else 1)
 
 
 def _numpy_row() -> Row:
+    """Transform a square with NumPy, and report whether the result is correct."""
     try:
         import polywigner as pw
 
@@ -70,6 +73,7 @@ def _numpy_row() -> Row:
 
 
 def _llvm_row(status: LLVMStatus) -> Row:
+    """Report the LLVM library that Dr.Jit loads, and the libraries that were refused."""
     refused = [f"refused {path}: {reason}" for path, reason in status.refused]
     head = f"LLVM {status.version} at {status.path}" if status.usable else "no usable library"
     lines = [head, *refused] if status.usable or refused else [status.problem or ""]
@@ -90,10 +94,12 @@ def _gpu_row() -> Row:
 
 
 def _rendering_row(llvm: LLVMStatus, gpu: Row) -> Row:
+    """Import Mitsuba in a child process, and report the variants that work."""
     # Importing Mitsuba can crash the process if the version of Dr.Jit does not match.
     child = run_in_child("import mitsuba; print(*mitsuba.variants())")
     if child.returncode != 0:
-        remedy = f"Run `pip install --force-reinstall '{_requirement('mitsuba')}'`."
+        requirement = _requirements()[""]["mitsuba"]
+        remedy = f"Run `pip install --force-reinstall '{requirement}'`."
         if not llvm.drjit_imports:
             remedy = llvm.remedy or ""
         return Row("rendering", _BAD, _last_line(child.stderr), remedy)
@@ -105,30 +111,38 @@ def _rendering_row(llvm: LLVMStatus, gpu: Row) -> Row:
 
 
 def _last_line(text: str) -> str:
+    """Return the last line of the output of a process."""
     return (text.strip().splitlines() or ["no message"])[-1].strip()
 
 
-def _required_libraries() -> list[str]:
-    lines = importlib.metadata.requires("polywigner") or []
-    names = [re.split(r"[^\w.-]", line)[0] for line in lines if ";" not in line]
-    return sorted({*names, "drjit"})
+def _requirements() -> dict[str, dict[str, str]]:
+    """Return the requirement of each library, such as "numpy>=2.0", by extra and library name.
+
+    The extra "" contains the libraries that are always required.
+    """
+    by_extra: dict[str, dict[str, str]] = {"": {}}
+    for line in importlib.metadata.requires("polywigner") or []:
+        requirement, _, marker = line.partition(";")
+        extra = re.search(r"extra == ['\"](\w+)", marker)
+        library = re.split(r"[^\w.-]", requirement)[0]
+        if library != "polywigner":
+            by_extra.setdefault(extra[1] if extra else "", {})[library] = requirement.strip()
+    return by_extra
 
 
 def _library_row(name: str) -> Row:
+    """Return the version of a required library, or the command that installs it."""
     version = _version(name)
     if version is None:
-        return Row(name, _BAD, "not installed", f"Run `pip install '{_requirement(name)}'`.")
+        requirement = _requirements()[""].get(name, name)
+        return Row(name, _BAD, "not installed", f"Run `pip install '{requirement}'`.")
     return Row(name, _GOOD, version)
 
 
 def _extras() -> list[Row]:
-    members: dict[str, list[str]] = {}
-    for line in importlib.metadata.requires("polywigner") or []:
-        match = re.fullmatch(r"([\w.-]+).*;.*extra == ['\"](\w+)['\"].*", line)
-        if match and match.group(1) != "polywigner":
-            members.setdefault(match.group(2), []).append(match.group(1))
+    """Return a row for each extra, with its libraries or those that are missing."""
     rows = []
-    for name, libraries in sorted(members.items()):
+    for name, libraries in sorted(_requirements().items())[1:]:
         missing = ", ".join(library for library in libraries if _version(library) is None)
         row = Row(f"extra {name}", _GOOD, ", ".join(libraries))
         if missing:
@@ -138,19 +152,16 @@ def _extras() -> list[Row]:
     return rows
 
 
-def _requirement(name: str) -> str:
-    requirements = importlib.metadata.requires("polywigner") or []
-    return next((r for r in requirements if re.match(rf"{name}\b", r) and ";" not in r), name)
-
-
 def _version(name: str) -> str | None:
+    """Return the installed version of a library, or None if it is not installed."""
     try:
         return importlib.metadata.version(name)
     except importlib.metadata.PackageNotFoundError:
         return None
 
 
-def _print(rows: list[Row]) -> None:
+def _print_table(rows: list[Row]) -> None:
+    """Print the rows of the report as a table."""
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text

@@ -33,12 +33,11 @@ Samples = Annotated[int, typer.Option(min=2, max=2001, help="Samples along each 
 
 @dataclass(frozen=True, kw_only=True)
 class LensOptions(SourceOptions):
+    """Options for a lens with its pupil: focal length, wavelengths, defocus and aberrations."""
+
     focal_length: Annotated[Text, "Focal length, or image distance, such as '100 mm'."] = None
     numerical_aperture: Annotated[
-        float | None,
-        typer.Option(
-            help=("Numerical aperture, instead of the focal length, for this pupil radius.")
-        ),
+        float | None, "Numerical aperture, instead of the focal length, for this pupil radius."
     ] = None
     wavelengths: Annotated[Text, "Several wavelengths: '450 nm, 550 nm, 650 nm'."] = None
     defocus: Annotated[str, "Defocus W20 in waves at the pupil's edge: '-1, 0, 1'."] = "0"
@@ -47,10 +46,8 @@ class LensOptions(SourceOptions):
         Text, "Noll coefficients in waves rms of the mean wavelength: '4: 0.05, 11: 0.1'."
     ] = None
 
-    def series(self) -> list[float]:
-        return list(parse_numbers("--defocus", self.defocus, "-1, 0, 1"))
-
     def read_lens(self) -> Lens:
+        """Return the pupil and the lens; raise errors in the options that describe the lens."""
         if self.wavelengths is None:
             pupil, length = self.read_with_wavelength()
             lengths = [length]
@@ -78,18 +75,22 @@ class LensOptions(SourceOptions):
 
 
 class Lens(NamedTuple):
+    """A lens with its pupil; lengths are in metres."""
+
     pupil: Aperture | ApertureArray
     wavelengths: list[float]
-    distance: float
-    radius: float
+    distance: float  # from the pupil to the image
+    radius: float  # at which the defocus is specified
     aberration: Aberration | None
 
     def settings(self, options: LensOptions) -> dict[str, Any]:
+        """Return the attributes of the dataset that a command writes."""
         about: dict[str, Any] = {"source": Path(options.source).name}
         about |= {"wavelengths": self.wavelengths, "focal_length": self.distance}
         return about if options.zernike is None else {**about, "zernike": options.zernike}
 
     def title(self, options: LensOptions) -> str:
+        """Return the title of a figure: file name, wavelengths, focal length and aberrations."""
         from polywigner.quantities import length_text, length_unit
 
         unit = length_unit(max(self.wavelengths))
@@ -114,7 +115,7 @@ def psf(
     Writes a figure NAME_psf.png and the values NAME_psf.nc in 1/m^2, normalised to unit integral.
     """
     options.check()
-    series = options.series()
+    series = parse_numbers("--defocus", options.defocus, "-1, 0, 1")
     side = None if width is None else parse_length(width)
     files = files_to_write(out, Path(options.source).stem + "_psf", (".png", ".nc"))
 
@@ -136,7 +137,7 @@ def psf(
     ]
     values = xr.Dataset(
         {"psf": (("defocus", "y", "x"), np.array(spots), {"units": "m-2"})},
-        {"defocus": series, "y": ("y", x, {"units": "m"}), "x": ("x", x, {"units": "m"})},
+        {"defocus": list(series), "y": ("y", x, {"units": "m"}), "x": ("x", x, {"units": "m"})},
         lens.settings(options),
     )
     floor = None if linear else floor_db
@@ -156,7 +157,7 @@ def mtf(
     figure the pupil without aberrations is dashed, and frequencies of reversed contrast are marked.
     """
     options.check()
-    series = options.series()
+    series = parse_numbers("--defocus", options.defocus, "-1, 0, 1")
     side = 0.0 if pixel.split()[:1] == ["0"] else parse_length(pixel)
     files = files_to_write(out, Path(options.source).stem + "_mtf", (".png", ".csv"))
 
@@ -196,7 +197,7 @@ def mtf(
         variables["limit"] = (dims[1:], np.abs(transfer(0.0, None)))
     values = xr.Dataset(
         variables,
-        {"defocus": series, "direction": ["x", "y"], "frequency": frequency},
+        {"defocus": list(series), "direction": ["x", "y"], "frequency": frequency},
         {**lens.settings(options), "pixel": side},
     )
     detector = f", pixels of {length_text(side)}" if side else ""

@@ -52,15 +52,14 @@ Resumable = Annotated[bool, "Continue an interrupted run from NAME.parts.zarr (e
 Scheduler = Annotated[Text, "Address of a trusted dask scheduler, such as tcp://host:8786."]
 
 
-def parse_step(text: str, largest: float, most: int) -> float:
-    """Parse a step in degrees that gives at most ``most`` directions in a hemisphere."""
+def parse_step(text: str, least: float, largest: float) -> float:
+    """Parse a step of angles; the step and its limits are in degrees."""
     step = math.degrees(parse_angle(text))
     if not 0 < step <= largest:
         raise ArgumentError(
             f"--step: expected an angle above 0 and up to {largest:g} deg, got {text!r}"
         )
-    least = 180 / math.sqrt(most)
-    if step < least:
+    if step < (1 - 1e-9) * least:  # The conversion to degrees has rounding errors.
         raise ArgumentError(f"--step: expected at least {least:.2g} deg, got {text!r}")
     return step
 
@@ -102,12 +101,13 @@ def with_options(function: Callable[..., None]) -> Callable[..., None]:
     for name, parameter in signature(function).parameters.items():
         if name in groups:
             kinds = get_type_hints(groups[name], include_extras=True)
-            options += [_option(f.name, f.default, kinds[f.name]) for f in fields(groups[name])]
+            options += [_parameter(f.name, f.default, kinds[f.name]) for f in fields(groups[name])]
         else:
-            options.append(_option(name, parameter.default, hints[name]))
+            options.append(_parameter(name, parameter.default, hints[name]))
 
     @wraps(function)
     def command(**values: Any) -> None:
+        """Call the function; combine the values of options into dataclasses."""
         for name, kind in groups.items():
             values[name] = kind(**{part.name: values.pop(part.name) for part in fields(kind)})
         function(**values)
@@ -121,7 +121,8 @@ def with_options(function: Callable[..., None]) -> Callable[..., None]:
 _FLAGS = {"formats": "--format", "range_text": "--range", "defined": "--define"}
 
 
-def _option(name: str, default: Any, kind: Any) -> Parameter:
+def _parameter(name: str, default: Any, kind: Any) -> Parameter:
+    """Return a parameter that Typer converts to a command-line option."""
     match get_args(kind):
         case (plain, str(text)):
             flag = [f"--{name.replace('_', '-')}"] if default is False else []
@@ -139,6 +140,7 @@ _KNOWN_SUFFIXES = (
 
 
 def output_stem(out: str | None, name: str) -> Path:
+    """Return the path of the output files without suffix, from --out and a default name."""
     if out is None:
         return Path(name)
     path = Path(out)
@@ -158,6 +160,7 @@ def targets(stem: Path, suffixes: Sequence[str]) -> tuple[Path, ...]:
 
 
 def suffixes_of(formats: Sequence[str]) -> tuple[str, ...]:
+    """Return file suffixes such as ".csv" for the names of formats, without repetitions."""
     return tuple(f".{name}" for name in dict.fromkeys(formats))
 
 
@@ -189,42 +192,26 @@ def check_writable(paths: Sequence[Path]) -> None:
             ) from error
 
 
-@contextmanager
-def writing(paths: Sequence[Path]) -> Iterator[tuple[Path, ...]]:
-    """Yield temporary paths, and rename them to ``paths`` at the end of the block.
-
-    Missing folders are created, and the names of the files are printed. If the block raises an
-    exception, no file is created or changed.
-    """
-    try:
-        for path in paths:
-            path.parent.mkdir(parents=True, exist_ok=True)
-        with ExitStack() as stack:
-            partials = tuple(stack.enter_context(atomic_path(path)) for path in paths)
-            yield partials
-            for partial in partials:
-                partial.stat()  # Raise an error for a missing file before any renaming.
-        print(*paths, sep="\n", flush=True)
-    except OSError as error:
-        raise ArgumentError(
-            f"cannot write {', '.join(map(str, paths))}: {error}; choose another folder with --out"
-        ) from error
-
-
 def write(paths: Sequence[Path], contents: Sequence[Content], summary: str = "") -> None:
     """Write all files or none, then print ``summary`` and the names of the files.
 
     Each item of ``contents`` is a figure, a dataset, a mapping for JSON, or a function that writes
-    to a path.
+    to a path. Missing folders are created.
     """
-    with writing(paths) as partials:
-        for partial, content in zip(partials, contents, strict=True):
-            _write_one(partial, content)
-        if summary:
-            print(summary)
+    try:
+        with ExitStack() as stack:
+            for path, content in zip(paths, contents, strict=True):
+                path.parent.mkdir(parents=True, exist_ok=True)
+                _write_content(stack.enter_context(atomic_path(path)), content)
+    except OSError as error:
+        raise ArgumentError(
+            f"cannot write {', '.join(map(str, paths))}: {error}; choose another folder with --out"
+        ) from error
+    print(*filter(None, [summary]), *paths, sep="\n", flush=True)
 
 
-def _write_one(path: Path, content: Any) -> None:
+def _write_content(path: Path, content: Any) -> None:
+    """Write a figure, a dataset or a mapping to a file, or call a function with the path."""
     if callable(content):
         content(path)
     elif hasattr(content, "savefig"):
@@ -253,9 +240,9 @@ def check_scene(path: str) -> None:
 @contextmanager
 def warnings_of_mitsuba() -> Iterator[None]:
     """Issue Mitsuba's log messages as warnings at the end of the block."""
-    from polywigner.mitsuba.plugins.films import to_list
+    from polywigner.mitsuba.plugins.films import collected_log
 
-    with to_list() as messages:
+    with collected_log() as messages:
         yield
     for message in messages:
         warnings.warn(f"Mitsuba: {message}", RuntimeWarning, stacklevel=4)
@@ -276,11 +263,7 @@ class SceneOptions:
     scheduler: Scheduler = None
     floor_db: DbFloor = -40.0
 
-    @property
-    def cluster(self) -> dict[str, Any]:
-        return {"scheduler": self.scheduler, "threads": self.threads}
-
-    def edges(self, default: int) -> NDArray[np.float64] | None:
+    def edges(self, default_bins: int) -> NDArray[np.float64] | None:
         """Return the edges of the range bins in metres, or None without --range."""
         import numpy as np
 
@@ -296,7 +279,7 @@ class SceneOptions:
                 "expected --range to be two ascending lengths, such as '0 m to 60 m', got "
                 f"{value_text(self.range_text)}"
             )
-        return np.linspace(ends[0], ends[1], (self.bins or default) + 1)
+        return np.linspace(ends[0], ends[1], (self.bins or default_bins) + 1)
 
     @contextmanager
     def running(self, variant: str, file: Path) -> Iterator[Path | None]:
@@ -321,6 +304,7 @@ class SceneOptions:
             shutil.rmtree(store, ignore_errors=True)
 
     def record(self, variant: str) -> dict[str, Any]:
+        """Return the settings, the Mitsuba variant and the versions, for a JSON file."""
         from importlib.metadata import version
 
         from polywigner.llvm import prepare

@@ -33,10 +33,15 @@ _WIDEST = math.radians(80.0)  # default largest angle on an arc [rad]
 _GRAZING = math.radians(89.5)
 _MOST_POINTS = 1 << 26  # largest number of points: 0.5 GB per method
 # Smallest default numbers of samples, for smooth figures.
-_FEWEST = {"line": (401,), "arc": (321,), "plane": (129, 129), "hemisphere": (61, 120)}
+_FEWEST = {
+    "line": (401,), "arc": (321,), "plane": (129, 129), "hemisphere": (61, 120),
+    "box": (64, 64, 64),
+}  # fmt: skip
 # Largest default numbers of samples.
-_MOST = {"line": (1601,), "arc": (1281,), "plane": (257, 257), "hemisphere": (121, 240)}
-_FEWEST_OF_BOX, _MOST_OF_BOX = (64,) * 3, (101,) * 3
+_MOST = {
+    "line": (1601,), "arc": (1281,), "plane": (257, 257), "hemisphere": (121, 240),
+    "box": (101, 101, 101),
+}  # fmt: skip
 
 
 Methods: TypeAlias = dict[str, dict[str, str | None]]
@@ -45,6 +50,8 @@ Methods: TypeAlias = dict[str, dict[str, str | None]]
 
 @dataclass(frozen=True, kw_only=True)
 class FieldOptions(FieldSourceOptions):
+    """Options of ``propagate`` and ``volume``: source, obstacles and methods."""
+
     method: Annotated[
         Texts,
         f"{options.METHOD_HELP}; 'wigner paper' selects an obliquity (repeatable; default: "
@@ -86,6 +93,7 @@ class FieldOptions(FieldSourceOptions):
         return methods, (exact or list(methods))[-1]
 
     def arguments(self, obstacles: Sequence[Polyhedron | PlacedAperture]) -> dict[str, Any]:
+        """Return keyword arguments for functions such as :func:`polywigner.volume`."""
         return {
             "bandwidth": None if self.bandwidth is None else parse_frequency(self.bandwidth),
             "tolerance": self.accuracy,
@@ -136,7 +144,7 @@ def propagate(
     settings = {"quantity": quantity, **field.arguments(obstacles)}
     values = None
     for name, arguments in methods.items():
-        dataset = _values(source, region, wavelength, settings | arguments)
+        dataset = _computed_field(source, region, wavelength, settings | arguments)
         dataset = dataset.rename({arguments["method"]: name})
         values = dataset if values is None else values.assign({name: dataset[name]})
     assert values is not None
@@ -153,9 +161,10 @@ def propagate(
     options.write(files, [figure, values])
 
 
-def _values(
+def _computed_field(
     source: Aperture | ApertureArray, region: Region, wavelength: float, settings: Mapping[str, Any]
 ) -> xarray.Dataset:
+    """Compute the field at the points of a region by a single method."""
     import numpy as np
 
     import polywigner as pw
@@ -166,10 +175,10 @@ def _values(
     if region.kind == "plane":
         return pw.plane(source, region.points, (first, more[0]), wavelength, **settings)
     if region.kind == "arc":
-        theta = np.linspace(-region.reach, region.reach, first)
+        theta = np.linspace(-region.largest_theta, region.largest_theta, first)
         phi = np.array([region.phi])
     else:
-        theta = np.linspace(0.0, region.reach, first)
+        theta = np.linspace(0.0, region.largest_theta, first)
         phi = np.arange(more[0]) * (2 * math.pi / more[0])
     return pw.hemisphere(source, region.radius, theta, phi, wavelength, **settings)
 
@@ -190,14 +199,14 @@ def volume(
     """Compute the irradiance of a source in a box, chunk by chunk, and draw it.
 
     Writes NAME.zarr and a figure NAME.png, and with --netcdf the values also as NAME.nc. The same
-    command continues an interrupted run. With several methods, each method has its files,
-    NAME-METHOD.zarr and so on.
+    command continues an interrupted run. The files of several methods are named NAME-METHOD.zarr
+    and so on.
     """
     field.check()
     with at_key("--box"):
-        corners = _ranges(box, 3)
-    count = None if shape is None else parse_shape("--shape", shape, 3)
-    if count is not None and min(count) < 2:
+        corners = _parse_ranges(box, 3)
+    count = () if shape is None else parse_shape("--shape", shape, 3)
+    if count and min(count) < 2:
         raise ArgumentError(
             f"--shape: expected at least two samples along each axis, got {shape!r}; draw a "
             "single layer with `polywigner propagate --plane`"
@@ -227,7 +236,7 @@ def volume(
     source, wavelength = field.read_with_wavelength()
     obstacles = field.read_obstacles()
     computed |= field.arguments(obstacles)
-    nx, ny, nz = count or samples_of_box(source, corners, wavelength)
+    nx, ny, nz = samples_of_region(source, Region("box", count, corners), wavelength)
     by_method = {}
     for name, arguments in methods.items():
         path = stem if len(methods) == 1 else stem.with_name(f"{stem.name}-{name}")
@@ -263,14 +272,18 @@ def print_differences(fields: Mapping[Any, xarray.DataArray], reference: str) ->
 
 
 def samples_of_region(
-    source: Aperture | ApertureArray, region: Region, wavelength: float, amplitude: bool
+    source: Aperture | ApertureArray, region: Region, wavelength: float, amplitude: bool = False
 ) -> tuple[int, ...]:
-    """Return the requested numbers of samples, or the required numbers within limits."""
+    """Return the requested numbers of samples, or the required numbers within limits.
+
+    Warns if the field has fringes that require more samples than the limits.
+    """
     import polywigner as pw
 
     if region.shape:
         return region.shape
-    corners = {"line": {"line": region.points}, "plane": {"box": region.points}}
+    box = {"box": region.points}
+    corners = {"line": {"line": region.points}, "plane": box, "box": box}
     where: Any = corners.get(region.kind, {"radius": region.radius})
     quantity: Any = "amplitude" if amplitude else "irradiance"
     axes = pw.suggest_sampling(source, wavelength, quantity, **where).axes
@@ -278,33 +291,19 @@ def samples_of_region(
         needed = [axis.count for axis in axes if axis.high > axis.low]
     else:
         theta, phi = axes
-        steps = region.reach / theta.high * (theta.count - 1)
+        steps = region.largest_theta / theta.high * (theta.count - 1)
         is_arc = region.kind == "arc"
         needed = [math.ceil(2 * steps) + 1] if is_arc else [math.ceil(steps) + 1, phi.count - 1]
-    return _within("--samples", needed, _FEWEST[region.kind], _MOST[region.kind])
-
-
-def samples_of_box(
-    source: Aperture | ApertureArray, corners: tuple[Point, Point], wavelength: float
-) -> tuple[int, ...]:
-    """Return the required numbers of samples of the irradiance along x, y and z, within limits."""
-    import polywigner as pw
-
-    axes = pw.suggest_sampling(source, wavelength, "irradiance", box=corners).axes
-    return _within("--shape", [axis.count for axis in axes], _FEWEST_OF_BOX, _MOST_OF_BOX)
-
-
-def _within(
-    option: str, needed: Sequence[int], fewest: tuple[int, ...], most: tuple[int, ...]
-) -> tuple[int, ...]:
+    fewest, most = _FEWEST[region.kind], _MOST[region.kind]
     chosen = tuple(map(min, map(max, needed, fewest), most))
     if any(map(int.__gt__, needed, most)):
+        option = "--shape" if region.kind == "box" else "--samples"
         text = " x ".join(map(str, map(max, needed, chosen)))
         warnings.warn(
             f"{' x '.join(map(str, chosen))} samples are too few for the fringes of this field; "
             f'use {option} "{text}", or a smaller region',
             RuntimeWarning,
-            stacklevel=3,
+            stacklevel=2,
         )
     return chosen
 
@@ -312,7 +311,8 @@ def _within(
 class Region(NamedTuple):
     """Region in which a field is computed; angles are in rad, lengths in m.
 
-    ``kind`` is "line", "arc", "plane" or "hemisphere"; ``shape`` is empty without --samples.
+    ``kind`` is "line", "arc", "plane", "hemisphere" or "box"; ``shape`` contains the requested
+    numbers of samples, or is empty.
     """
 
     kind: str
@@ -320,7 +320,7 @@ class Region(NamedTuple):
     points: tuple[Point, ...] = ()
     radius: float = 0.0
     phi: float = 0.0
-    reach: float = _GRAZING
+    largest_theta: float = _GRAZING
 
 
 def parse_region(texts: Mapping[str, str | None], samples: str | None) -> Region:
@@ -346,34 +346,35 @@ def parse_region(texts: Mapping[str, str | None], samples: str | None) -> Region
         )
     with at_key(f"--{kind}"):
         if kind == "line":
-            ends = _split(text, r"\s+to\s+")
+            ends = _split_and_strip(text, r"\s+to\s+")
             if len(ends) != 2:
                 raise QuantityError(
                     'expected two points such as "0 mm, 0 mm, 2 mm to 0 mm, 0 mm, 150 mm", got '
                     f"{value_text(text)}"
                 )
-            return Region(kind, shape, tuple(_ranges(end, 0)[0] for end in ends))
+            return Region(kind, shape, tuple(_parse_ranges(end, 0)[0] for end in ends))
         if kind == "plane":
-            return Region(kind, shape, _ranges(text, 2))
+            return Region(kind, shape, _parse_ranges(text, 2))
         if kind == "hemisphere":
             return Region(kind, shape, radius=parse_length(text))
-        return _arc(text, shape)
+        return _parse_arc(text, shape)
 
 
-def _arc(text: str, shape: tuple[int, ...]) -> Region:
-    distance, *angles = _split(text, ",")
+def _parse_arc(text: str, shape: tuple[int, ...]) -> Region:
+    """Parse "DISTANCE, AZIMUTH, LARGEST ANGLE" into a region; the angles are optional."""
+    distance, *angles = _split_and_strip(text, ",")
     if len(angles) > 2:
         raise QuantityError(
             'expected a distance such as "50 mm", or a distance and one or two angles such as '
             f'"50 mm, 45 deg, 80 deg", got {value_text(text)}'
         )
-    phi, reach = (*map(parse_angle, angles), *(0.0, _WIDEST)[len(angles) :])
-    if not 0 < reach < math.pi / 2:
+    phi, largest_theta = (*map(parse_angle, angles), *(0.0, _WIDEST)[len(angles) :])
+    if not 0 < largest_theta < math.pi / 2:
         raise QuantityError(
             f"expected the largest angle between 0 and 90 deg, got {text!r}; write degrees with "
             'their unit, such as "80 deg"'
         )
-    return Region("arc", shape, (), parse_length(distance), phi, reach)
+    return Region("arc", shape, (), parse_length(distance), phi, largest_theta)
 
 
 _EXPECTED_RANGES = (
@@ -384,14 +385,14 @@ _EXPECTED_RANGES = (
 )
 
 
-def _ranges(text: str, count: int) -> tuple[Point, Point]:
+def _parse_ranges(text: str, count: int) -> tuple[Point, Point]:
     """Parse ``count`` ranges and 3 - ``count`` coordinates into the lowest and highest point."""
-    parts = _split(text, ",")
+    parts = _split_and_strip(text, ",")
     if len(parts) != 3 and count:
         raise QuantityError(f"expected x, y and z separated by commas, got {value_text(text)}")
     ends = []
     for part in parts:
-        low, *high = map(parse_coordinate, _split(part, r"\s+to\s+"))
+        low, *high = map(parse_coordinate, _split_and_strip(part, r"\s+to\s+"))
         if len(high) > 1 or (high and not low < high[0]):
             raise QuantityError(
                 f'expected a coordinate, or an ascending range such as "-30 mm to 30 mm", '
@@ -406,7 +407,7 @@ def _ranges(text: str, count: int) -> tuple[Point, Point]:
 
 def parse_shape(option: str, text: str, dimensions: int) -> tuple[int, ...]:
     """Parse positive integers such as ``"64 x 64 x 96"``, one for each dimension."""
-    parts = _split(text, "[x×]")
+    parts = _split_and_strip(text, "[x×]")
     if len(parts) != dimensions or not all(re.fullmatch(r"0*[1-9][0-9]{0,8}", p) for p in parts):
         example = " x ".join(("64", "64", "96")[:dimensions])
         raise ArgumentError(
@@ -415,5 +416,6 @@ def parse_shape(option: str, text: str, dimensions: int) -> tuple[int, ...]:
     return tuple(int(part) for part in parts)
 
 
-def _split(text: str, pattern: str) -> list[str]:
+def _split_and_strip(text: str, pattern: str) -> list[str]:
+    """Split a string at a regular expression, and strip spaces from the parts."""
     return [part.strip() for part in re.split(pattern, text)]

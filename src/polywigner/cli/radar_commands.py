@@ -16,7 +16,7 @@ import typer
 from polywigner.cli import options
 from polywigner.cli.options import Text, Texts
 from polywigner.cli.sources import (
-    Reading,
+    ReadingOptions,
     WaveOptions,
     field_title,
     required_wavelength,
@@ -35,10 +35,11 @@ _Format = StrEnum("_Format", "csv nc")
 _STEPS = (1.0, 2.0, 5.0, 10.0)
 _MAP_SECONDS = 60.0  # longest computing time of a map with the default step [s]
 _TIMED = 8  # number of directions timed to choose the default steps
-_MOST = 4_000_000  # largest number of directions of a map: hours of computing for a simple body
+# Smallest step of the map [degrees]: 4,000,000 directions take hours for a simple body.
+_FINEST_OF_MAP = 0.1273
 _STEPS_PER_LOBE = 4.0  # default number of steps of a cut per backscatter lobe
 _CUT_SECONDS = 30.0  # longest computing time of a cut with the default step [s]
-_FINEST, _MOST_OF_CUTS = 1e-3, 33_000_000_000
+_FINEST = 1e-3  # smallest step of a cut [degrees]
 
 
 def rcs(
@@ -55,7 +56,7 @@ def rcs(
     cut_azimuth: Annotated[str, "Azimuth of the cut over elevation, such as '45 deg'."] = "0 deg",
     smooth: Annotated[Text, "Width of a running median over the cuts, such as '2 deg'."] = None,
     open_mesh: Annotated[bool, "Read the faces of a mesh as thin plates with two sides."] = False,
-    reading: Reading,
+    reading: ReadingOptions,
     floor_db: options.DbFloor = -60.0,
     formats: Annotated[list[_Format] | None, "csv or nc (repeatable; default: csv)."] = None,
     out: options.Out = None,
@@ -68,8 +69,8 @@ def rcs(
     """
     reading.check_file(body)
     length = required_wavelength(wave.length())
-    map_step = None if step is None else options.parse_step(step, 30.0, _MOST // 2)
-    fine_step = None if cut_step is None else options.parse_step(cut_step, 30.0, _MOST_OF_CUTS)
+    map_step = None if step is None else options.parse_step(step, _FINEST_OF_MAP, 30.0)
+    fine_step = None if cut_step is None else options.parse_step(cut_step, _FINEST, 30.0)
     centre = parse_angle(cut_azimuth), parse_angle(cut_elevation)
     width = None if smooth is None else parse_angle(smooth)
     suffixes = options.suffixes_of(formats or ["csv"])
@@ -104,7 +105,7 @@ def rcs(
     figure = draw_rcs(pattern, cuts=cuts, smooth=width, floor_db=floor_db, title=title)
     values = [pattern if name == ".nc" else partial(write_rows, [pattern]) for name in suffixes]
     contents = [figure, partial(write_rows, cuts), *values]
-    options.write(files, contents, _summary([pattern, *cuts], floor_db))
+    options.write(files, contents, _rcs_summary([pattern, *cuts], floor_db))
 
 
 def _angular_steps(
@@ -139,7 +140,8 @@ def write_rows(patterns: Sequence[xarray.Dataset], path: Path) -> None:
         table.to_csv(path, index=False, float_format="%.12g", na_rep="nan", **settings)
 
 
-def _summary(patterns: Sequence[xarray.Dataset], floor_db: float) -> str:
+def _rcs_summary(patterns: Sequence[xarray.Dataset], floor_db: float) -> str:
+    """Return the text to print: the largest cross section, its direction, and the method."""
     pattern = max(patterns, key=lambda each: float(each.attrs["largest_rcs"]))
     largest = pattern["rcs"].isel(pattern["rcs"].argmax(["azimuth", "elevation"]))
     peak = 10 * math.log10(float(largest))
@@ -153,6 +155,7 @@ def _summary(patterns: Sequence[xarray.Dataset], floor_db: float) -> str:
 
 
 def _warn_if_coarse(name: str, step: float, lobe: float, option: str) -> None:
+    """Warn if a step in degrees is larger than the width of the backscatter lobes."""
     if step > lobe:
         warnings.warn(
             f"steps of {step:.3g} degrees are too coarse for lobes of {lobe:.2g} degrees in "

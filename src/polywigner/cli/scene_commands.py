@@ -65,11 +65,11 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
     from polywigner.figures.levels import PEAK_RULE
     from polywigner.mitsuba import choose_variant, stokes_of
     from polywigner.mitsuba.plugins import films, polariser
-    from polywigner.mitsuba.plugins.placement import placed_emitter
+    from polywigner.mitsuba.plugins.placement import placed_emitters
     from polywigner.mitsuba.radar.range_profile import range_frames
     from polywigner.mitsuba.scenes.rendering import default_integrator, default_spp
     from polywigner.mitsuba.scenes.scene_renders import SceneFile, render_parts
-    from polywigner.mitsuba.scenes.surfaces import is_receiver, wigner_emitters
+    from polywigner.mitsuba.scenes.surfaces import is_receiver
 
     start = time.perf_counter()
     variant = choose_variant(settings.variant, settings.polarised)
@@ -82,8 +82,8 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
         receives = is_receiver(scene.sensors()[0])
         if settings.polarised and receives:
             raise SceneError(
-                f"--polarised requires a camera, but {settings.scene} has a wigner_receiver, "
-                "whose polarisation is a parameter of the receiver"
+                f"--polarised requires a camera, but {settings.scene} has a wigner_receiver; set "
+                "the polarisation in the parameters of the receiver"
             )
         ready = time.perf_counter()
         # Scenes whose paths have no lengths raise an error here, before the longer render.
@@ -94,10 +94,12 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
                 )
         measured = f"stokes {integrator or ''}" if settings.polarised else integrator
         exposure = {"integrator": measured, "spp": samples, "seed": settings.seed}
-        image = render_parts(file, scene, exposure, store, **settings.cluster)
+        image = render_parts(
+            file, scene, exposure, store, scheduler=settings.scheduler, threads=settings.threads
+        )
         done = time.perf_counter()
 
-        title = _title(specs, settings.scene, variant, samples)
+        title = _render_title(specs, settings.scene, variant, samples)
         stokes = stokes_of(image) if settings.polarised else None
         radiance = films.mean_of_colours(
             image if stokes is None else image[..., :-_STOKES_CHANNELS]
@@ -111,7 +113,7 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
             "spp": samples,
         }
         if polariser.is_polarised(variant):
-            sources = [placed_emitter(e, k) for k, e in enumerate(wigner_emitters(scene))]
+            sources = placed_emitters(scene)
             record["used"]["polarisation"] = polariser.polarisation_summary(sources, False)
         record["figure"] = {
             "unit": "W" if receives else "W m^-2 sr^-1",
@@ -136,6 +138,7 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
 
 
 def _emitter_parameters(scene: Any, name: str) -> list[Any]:
+    """Return the parameters of all Wigner emitters, whose wavelengths are checked."""
     specs = [emitter.spec for emitter in scene.emitters() if hasattr(emitter, "spec")]
     if not specs:
         raise SceneError(
@@ -148,6 +151,7 @@ def _emitter_parameters(scene: Any, name: str) -> list[Any]:
 
 
 def _warn_if_mostly_dark(radiance: NDArray[np.float64]) -> None:
+    """Warn if more than half of the pixels are zero or negative."""
     negative, zero = (radiance < 0).mean(), (radiance == 0).mean()
     if negative + zero > 0.5:
         warnings.warn(
@@ -159,7 +163,8 @@ def _warn_if_mostly_dark(radiance: NDArray[np.float64]) -> None:
         )
 
 
-def _title(specs: Sequence[Any], name: str, variant: str, samples: int) -> str:
+def _render_title(specs: Sequence[Any], name: str, variant: str, samples: int) -> str:
+    """Return a title: scene, frequencies, variant and number of samples per pixel."""
     texts = list(dict.fromkeys(frequency_text(spec.wavelength) for spec in specs))
     listed = ", ".join(texts[:3]) + (", ..." if len(texts) > 3 else "")
     return (
@@ -242,8 +247,9 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
             coherent=settings.coherent, polarisation=by_argument, **noise,
         )  # fmt: skip
         received, profile = scene_renders.receive_parts(
-            file, scene, requested, edges, store=store, **settings.cluster
-        )
+            file, scene, requested, edges, store=store, scheduler=settings.scheduler,
+            threads=settings.threads,
+        )  # fmt: skip
         if band:
             response = channel(
                 scene, band, settings.reflections, polarisation=by_argument,
@@ -263,7 +269,7 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
         contents: list[Any] = [record, _draw_receivers(received, maps, names, titles, floor)]
         if profile is not None:
             by_receiver = profile if "receiver" in profile.dims else profile.expand_dims("receiver")
-            contents += [profile, _draw_ranges(profile, titles, floor)]
+            contents += [profile, _draw_range_profiles(profile, titles, floor)]
             summary += f"\n{_range_summary(by_receiver, received)}"
         if response is not None:
             title = f"{short_name(settings.scene)}, {len(band)} frequencies"
@@ -307,6 +313,7 @@ def _draw_receivers(
     titles: Sequence[str],
     floor_db: float,
 ) -> Figure:
+    """Draw the power by direction of arrival, with one panel for each receiver."""
     from polywigner.figures.scene_plots import DirectArrival, draw_arrivals
     from polywigner.figures.style import new_figure
     from polywigner.mitsuba.receive.power_results import dbm_text
@@ -334,6 +341,7 @@ def _draw_receivers(
 
 
 def _range_summary(profile: xarray.Dataset, received: Sequence[ReceivedPower]) -> str:
+    """Return a line for each receiver: its strongest range bin, and the power outside."""
     from polywigner.mitsuba.receive.power_results import dbm_text
 
     edges = profile["range_edge"].values
@@ -350,7 +358,8 @@ def _range_summary(profile: xarray.Dataset, received: Sequence[ReceivedPower]) -
     return "\n".join(lines)
 
 
-def _draw_ranges(profile: xarray.Dataset, titles: Sequence[str], floor_db: float) -> Figure:
+def _draw_range_profiles(profile: xarray.Dataset, titles: Sequence[str], floor_db: float) -> Figure:
+    """Draw the power over range, with one panel for each receiver."""
     from polywigner.figures import draw_range_profile
     from polywigner.figures.style import new_figure
 

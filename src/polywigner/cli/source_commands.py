@@ -118,8 +118,8 @@ _Format = StrEnum("_Format", "csv txt ffd cut msi pln")
 _STEPS_PER_LOBE = 8
 # Finest and coarsest default step [degrees]; the finest step takes 1 to 2 s.
 _FINEST, _COARSEST = 0.25, 1.0
-# Largest number of directions in front of the source; their values take 0.2 GB.
-_MOST = 4_000_000
+# Smallest step [degrees]; the values of 4,000,000 directions take 0.2 GB.
+_SMALLEST = 0.09
 
 
 def pattern(
@@ -152,7 +152,7 @@ def pattern(
             "fields have an obliquity, polarised fields have a method"
         )
     watts = None if power is None else parse_power(power)
-    degrees = None if step is None else options.parse_step(step, 15.0, _MOST)
+    degrees = None if step is None else options.parse_step(step, _SMALLEST, 15.0)
     suffixes = options.suffixes_of(formats or ["csv"])
     files = files_to_write(out, Path(source.source).stem + "_pattern", (".png", *suffixes))
 
@@ -190,13 +190,13 @@ def pattern(
     write(files, [figure, *(export for _ in suffixes)], str(metrics))
 
 
-def _default_step(wavelengths: float) -> float:
+def _default_step(diameter_in_wavelengths: float) -> float:
     """Return the default step in degrees; warn if lobes are narrower than the finest step."""
-    needed = math.degrees(1.0 / wavelengths) / _STEPS_PER_LOBE
+    needed = math.degrees(1.0 / diameter_in_wavelengths) / _STEPS_PER_LOBE
     if 4 * needed < _FINEST:
         warnings.warn(
             f"steps of {_FINEST:g} degrees are too coarse for some lobes of a source "
-            f"{wavelengths:.4g} wavelengths across; specify --step, or use "
+            f"{diameter_in_wavelengths:.4g} wavelengths across; specify --step, or use "
             "polywigner.radiation_pattern for angles close to the beam",
             RuntimeWarning,
             stacklevel=2,

@@ -38,12 +38,14 @@ _LONGEST_NAME = 32
 _MESHES = (".stl", ".ply", ".obj")
 # Relative difference up to which wavelengths count as equal; users type few digits.
 _SAME_WAVELENGTH = 1e-3
-# Largest ratio of wavelength to diameter, and of diameter to wavelength; figures fail beyond it.
+# Largest ratio of wavelength to diameter, and of diameter to wavelength, in figures.
 _LARGEST_RATIO = 1e12
 
 
 @dataclass(frozen=True, kw_only=True)
 class WaveOptions:
+    """The options --frequency and --wavelength; at most one may be specified."""
+
     frequency: Annotated[Text, "Frequency, such as '94 GHz'."] = None
     wavelength: Annotated[Text, "Wavelength, such as '3.19 mm'."] = None
 
@@ -59,6 +61,7 @@ class WaveOptions:
 
 
 def required_wavelength(wavelength: float | None) -> float:
+    """Return the wavelength; raise ArgumentError if it is None."""
     if wavelength is None:
         raise ArgumentError(
             "expected --frequency or --wavelength, got neither; specify for example --frequency "
@@ -68,7 +71,9 @@ def required_wavelength(wavelength: float | None) -> float:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reading:
+class ReadingOptions:
+    """Options for reading aperture files."""
+
     unit: Annotated[Text, "Unit of files that specify none (default: mm)."] = None
     tolerance: Annotated[Text, "Distance of chords from curves: '1 um' (default: by size)."] = None
     layer: Annotated[Texts, "Layer of a drawing to read (repeatable; default: all)."] = None
@@ -90,6 +95,7 @@ class Reading:
                 raise ArgumentError(f"--{name} does not apply to {kind}")
 
     def read_file(self, path: str) -> Aperture:
+        """Return the aperture in a file."""
         import polywigner as pw
 
         return pw.read_aperture(path, **self.reading_arguments())
@@ -111,13 +117,14 @@ class Reading:
         return pw.read_sheets(path, unit) if as_plates else pw.read_polyhedron(path, unit)
 
     def reading_arguments(self) -> dict[str, Any]:
+        """Return the keyword arguments of :func:`polywigner.read_aperture`."""
         tolerance = None if self.tolerance is None else parse_length(self.tolerance)
         unit = self.unit or "mm"
         return {"unit": unit, "tolerance": tolerance, "layer": self.layer, "union": self.union}
 
 
 @dataclass(frozen=True, kw_only=True)
-class SourceOptions(Reading, WaveOptions):
+class SourceOptions(ReadingOptions, WaveOptions):
     """Options for a source: file, taper, array, steering and wavelength."""
 
     source: Annotated[str, typer.Argument(help="Aperture file, or source file (TOML, JSON).")]
@@ -158,6 +165,7 @@ class SourceOptions(Reading, WaveOptions):
         return source, wavelength
 
     def _warn_of_design_wavelength(self, wavelength: float, designed: float) -> None:
+        """Warn if the wavelength differs from the design wavelength of a source file."""
         if abs(wavelength - designed) > _SAME_WAVELENGTH * designed:
             warnings.warn(
                 f"the phases in {Path(self.source).name} were designed for a wavelength of "
@@ -192,6 +200,7 @@ def check_wavelength(wavelength: float, diameter: float) -> None:
 
 
 def field_title(path: str, wavelength: float) -> str:
+    """Return the title of a figure: file name, frequency and wavelength."""
     from polywigner.quantities import length_text
 
     printed = length_text(wavelength)
@@ -208,6 +217,7 @@ def short_name(path: str) -> str:
 
 
 def frequency_text(wavelength: float) -> str:
+    """Return the frequency for a wavelength in m as text, such as "94 GHz"."""
     frequency = SPEED_OF_LIGHT / wavelength
     units = [unit for unit in _FREQUENCIES if frequency >= 0.9995 * unit[1]]
     name, size = units[0] if units else _FREQUENCIES[-1]
@@ -240,9 +250,10 @@ class FieldSourceOptions(SourceOptions):
     obstacle_unit: Annotated[Text, "Unit of obstacle files that specify none (default: mm)."] = None
 
     def check(self) -> None:
+        """Raise errors in the source and obstacle options before the slow imports."""
         super().check()
         for text in self.obstacle or ():
-            Reading().check_file(_parse_obstacle(text)[0])
+            ReadingOptions().check_file(_parse_obstacle(text)[0])
         if self.obstacle_unit is not None:
             parse_unit(self.obstacle_unit)
             if not self.obstacle:
@@ -251,6 +262,7 @@ class FieldSourceOptions(SourceOptions):
                 )
 
     def read_obstacles(self) -> list[Polyhedron | PlacedAperture]:
+        """Return all obstacles at their specified positions."""
         with at_key("--obstacle"):
             return [self._placed_obstacle(*_parse_obstacle(text)) for text in self.obstacle or ()]
 
@@ -268,7 +280,7 @@ class FieldSourceOptions(SourceOptions):
         pose = np.eye(4)
         pose[:3, :3] += math.sin(theta) * cross + (1.0 - math.cos(theta)) * cross @ cross
         pose[:3, 3] = origin
-        body: Any = Reading(unit=self.obstacle_unit).read_body(path)
+        body: Any = ReadingOptions(unit=self.obstacle_unit).read_body(path)
         if isinstance(body, Polyhedron):
             return Polyhedron(body.vertices @ pose[:3, :3].T + pose[:3, 3], body.faces)
         placed: PlacedAperture = body.placed(pose)

@@ -16,7 +16,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.execution.choice import DATA, GRID, LISTED, Plan, planned, resolved, terms_of
+from polywigner.execution.choice import (
+    DATA,
+    GRID,
+    LISTED,
+    Plan,
+    drjit_float,
+    planned,
+    resolved,
+    terms_of,
+)
 from polywigner.execution.chunks import Launched, parts_of_results, ready, store
 from polywigner.execution.on_drjit import OnDrjit, OnDrjitData, row_sums
 from polywigner.execution.operations import NumpyOperations
@@ -227,7 +236,7 @@ def evaluate(
     else:
         compiled: OnDrjit | OnDrjitData
         if plan.strategy == DATA:
-            compiled = OnDrjitData(kernel, tables, double, plan.engine, samples)
+            compiled = OnDrjitData(kernel, tables, drjit_float(plan.engine, double), samples)
         else:
             compiled = OnDrjit(kernel, tables, double, plan.engine)
         store(compiled.points(components, results), samples)

@@ -60,7 +60,7 @@ class _Frozen:
             return cell.function(*arguments)
 
         self.replayed = drjit.freeze(replayed, limit=_MOST_RECORDINGS, warn_after=1 << 30)
-        self.owners = owners
+        self.owners, self.requests = owners, 0
         # Dr.Jit aborts the process if two threads record the same function at the same time.
         self.lock = threading.Lock()
 
@@ -104,11 +104,12 @@ _known: OrderedDict[Hashable, _Frozen] = OrderedDict()
 _lock = threading.Lock()
 
 
-def frozen(function: Function, owners: Sequence[Any], *kind: Hashable) -> Function:
+def frozen(function: Function, owners: Sequence[Any], *kind: Hashable) -> _Frozen:
     """Return a recorded version of a function of Dr.Jit arrays, from the cache if possible.
 
     The function must not depend on the number of samples, and must not allocate memory. The key of
-    the cache consists of ``owners``, compared by identity, and ``kind``.
+    the cache consists of ``owners``, compared by identity, and ``kind``. The attribute ``requests``
+    of the result counts the calls of :func:`frozen` with this key.
     """
     key = (*map(id, owners), *kind)
     with _lock:
@@ -118,6 +119,7 @@ def frozen(function: Function, owners: Sequence[Any], *kind: Hashable) -> Functi
             while len(_known) > _MOST:
                 _known.popitem(last=False)
         _known.move_to_end(key)
+        _known[key].requests += 1
         return _known[key]
 
 
@@ -269,15 +271,13 @@ copy."""
 class OnDrjitData:
     """A kernel that Dr.Jit compiles, with the source as data."""
 
-    def __init__(
-        self, kernel: Kernel, tables: Any, double: bool, engine: str, samples: int
-    ) -> None:
+    def __init__(self, kernel: Kernel, tables: Any, float_type: Any, samples: int = 0) -> None:
         self.kernel, self.frame = kernel, tables.frame
-        self.ops = DrjitOperations(drjit_float(engine, double))
-        self.host, self.dtype = NumpyOperations(), np.float64 if double else np.float32
+        self.ops = DrjitOperations(float_type)
+        self.host, self.dtype = NumpyOperations(), np.float64 if self.ops.double else np.float32
         self.source: _Slices | _Edges
         if isinstance(tables, Tables):
-            self.source = _Slices(kernel, tables, double, samples, engine)
+            self.source = _Slices(kernel, tables, self.ops, samples)
         else:
             self.source = _Edges(kernel, tables)
         self.state = self.source.state(self.ops, self._sent)
@@ -321,6 +321,22 @@ class OnDrjitData:
 
         return order, fetch
 
+    def constants(self) -> list[Drjit]:
+        """Return the tables of the source and the centre of its frame, for :meth:`at_points`."""
+        return [*self.state, _centre_in_memory(self.ops, self.frame)]
+
+    def at_points(self, *arrays: Drjit) -> Values:
+        """Return the results at Dr.Jit points.
+
+        ``arrays`` are the arrays of :meth:`constants`, followed by the components of the points.
+        """
+        ops, count = self.ops, len(self.state)
+        tables, (centre, *components) = iter(arrays[:count]), arrays[count:]
+        frame = _frame_as_data(ops, self.frame, centre)
+        inner = self.kernel.enter(ops, frame, *components)
+        sums = self.source.summed(ops, lambda table: (table.shape[1], next(tables)), *inner)
+        return self.kernel.leave(ops, frame, inner, sums)
+
     def _sent(self, number: int, table: Array) -> Drjit:
         """Copy a table to the memory of the engine, padded to a size that depends on ``number``."""
         width = -(-table.size // _SIZES) * _SIZES + _APART * (number + 1)
@@ -332,15 +348,15 @@ class OnDrjitData:
 class _Slices:
     """Edge pairs of a source as data, for Wigner and ambiguity functions."""
 
-    def __init__(
-        self, kernel: Kernel, tables: Tables, double: bool, samples: int, engine: str
-    ) -> None:
+    def __init__(self, kernel: Kernel, tables: Tables, ops: DrjitOperations, samples: int) -> None:
+        import drjit
+
         assert kernel.slices is not None
         self.slices, self.tables = kernel.slices, tables
-        self.is_on_cpu = engine == "llvm"
+        self.is_on_cpu = drjit.backend_v(ops.float_type) == drjit.JitBackend.LLVM
         self.sorts = len(tables.edges) >= _LEAST_EDGES_SORTED
         self.pairs = {
-            key: pairs_of(tables, key, double, samples) for key in self.slices.passes(tables)
+            key: pairs_of(tables, key, ops.double, samples) for key in self.slices.passes(tables)
         }
         self.numbers = [
             getattr(grid, part.name) for grid in self.pairs.values() for part in fields(grid)
@@ -468,17 +484,19 @@ class _DataFrame(Frame):
 
 def with_frame_as_data(ops: DrjitOperations, tables: Any) -> Tables:
     """Return tables whose frame has its centre in memory instead of in the compiled code."""
-    pairs = [phases.doubled(c, ops.double) for c in tables.frame.centre]
-    numbers = iter(_looked_up(ops, [number for pair in pairs for number in pair]))
-    values = {field.name: getattr(tables.frame, field.name) for field in fields(Frame)}
-    values["centre"] = tuple((next(numbers), next(numbers)) for _ in pairs)
-    return replace(tables, frame=_DataFrame(**values))
+    centre = _centre_in_memory(ops, tables.frame)
+    return replace(tables, frame=_frame_as_data(ops, tables.frame, centre))
 
 
-def _looked_up(ops: DrjitOperations, values: Sequence[float]) -> list[Any]:
-    """Return numbers as Dr.Jit arrays with one entry, which compiled code reads from memory."""
-    import drjit
+def _centre_in_memory(ops: DrjitOperations, frame: Frame) -> Drjit:
+    """Return the coordinates of a frame's centre, each as a pair of floats, in one array."""
+    return array_of(ops.float_type, [phases.doubled(c, ops.double) for c in frame.centre])
 
-    kind = ops.float_type
-    memory, index = array_of(kind, values), drjit.uint32_array_t(kind)
-    return [drjit.gather(kind, memory, index(k)) for k in range(len(values))]
+
+def _frame_as_data(ops: DrjitOperations, frame: Frame, centre: Drjit) -> Frame:
+    """Return a frame whose centre is read from the array of :func:`_centre_in_memory`."""
+    values = {field.name: getattr(frame, field.name) for field in fields(Frame)}
+    values["centre"] = tuple(
+        ops.gather((2, centre), ops.truncated(k)) for k in range(len(frame.centre))
+    )
+    return _DataFrame(**values)

@@ -10,11 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from polywigner.execution.choice import takes_data
 from polywigner.execution.chunks import array_of
 from polywigner.execution.drjit_operations import DrjitOperations, four_of
 from polywigner.execution.on_drjit import (
     CHUNK,
+    OnDrjitData,
+    Values,
     fills_lanes,
+    frozen,
     is_code,
     is_recording,
     order_by_cell,
@@ -27,8 +31,12 @@ from polywigner.kernels.cut.winding import pairs_of
 from polywigner.kernels.gradients import gradient_kernel_of
 from polywigner.numerics.phases import Pair, cos_sin_cycles
 
-# Largest number of samples for which edges are data. Compiling edges as code would take longer.
+# Largest number of samples for which traced calls read edges from memory, because compiling edges
+# as code would take longer. Calls with at most as many samples may be recorded.
 _MOST_AS_DATA = 1 << 16
+# Number of the call from which calls with the same source are recorded, with up to 16 edges as
+# code. Tracing takes 1 to 3 ms in each call. Code compiles in 10 to 20 ms per edge.
+_FIRST_RECORDED = 8
 # Smallest number of samples, and smallest number of edges, for which samples are sorted by cell.
 # Sorting waits for the arguments and takes about 30 ns per sample.
 _LEAST_SORTED, _LEAST_EDGES = 1 << 12, 40
@@ -201,6 +209,10 @@ def evaluate_traced(
     # freezes must not contain cached memory, so its edges must be code.
     is_code_better = is_long_code or drjit.flag(drjit.JitFlag.FreezingScope)
     order = _order(kernel, ops, tables, components, (traced.vertices, traced.weights))
+    if order is None and not numbers.numbers:
+        recorded = _recorded(kernel, ops, tables, components)
+        if recorded is not None:
+            return _typed(ops, recorded, complex_result)
     if (numbers.numbers or not is_code_better) and gradient_kernel_of(kernel) is not None:
         ops, tables = DrjitOperations(ops.float_type, "data"), with_frame_as_data(ops, tables)
     given = components
@@ -212,7 +224,45 @@ def evaluate_traced(
         place = np.empty(max(map(drjit.width, given)), np.intp)
         place[order.T.ravel()] = np.arange(order.size)
         results = tuple(_taken(drjit.ravel(result), place) for result in results)
-    return sibling(ops.float_type, "Complex2f")(*results[:2]) if complex_result else results[0]
+    return _typed(ops, results, complex_result)
+
+
+def _typed(ops: DrjitOperations, results: Sequence[Drjit], is_complex: bool) -> Drjit:
+    """Return real and imaginary parts as a ``Complex2f``, or a real result as a ``Float``."""
+    return sibling(ops.float_type, "Complex2f")(*results[:2]) if is_complex else results[0]
+
+
+def _recorded(
+    kernel: Kernel, ops: DrjitOperations, tables: Any, components: Sequence[Drjit]
+) -> Values | None:
+    """Return the results of a recorded kernel, or None if the call is not recorded.
+
+    Recorded calls have few samples and no derivatives, and repeat earlier calls with the source.
+    """
+    import drjit
+
+    is_large = max(map(drjit.width, components)) > _MOST_AS_DATA
+    if is_large or is_recording(ops.float_type) or drjit.grad_enabled(components):
+        return None
+    has_code = is_code(kernel, tables)
+    if not (has_code or takes_data(kernel, tables)):
+        return None
+
+    def as_data() -> OnDrjitData:
+        """Return the kernel with the source in memory."""
+        return OnDrjitData(kernel, tables, ops.float_type)
+
+    def results(*arrays: Drjit) -> Values:
+        """Return the results at points, which follow the arrays of a source in memory."""
+        return kernel(ops, tables, *arrays) if has_code else as_data().at_points(*arrays)
+
+    recorded = frozen(results, (kernel, tables), ops.float_type, "points")
+    if recorded.requests < _FIRST_RECORDED:
+        return None
+    if has_code:
+        return recorded(*components)
+    data = as_data()
+    return recorded(*data.constants(), *components) if data.source.is_recorded else None
 
 
 def _order(

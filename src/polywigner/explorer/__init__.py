@@ -40,6 +40,7 @@ def start_state(
 
 
 def serve(state: State, port: int, browser: bool) -> None:
+    """Serve the page until Ctrl-C."""
     server = _new_server(state, port)
     print(f"http://{_ADDRESS}:{server.port}/ shows the explorer; Ctrl-C stops it.", flush=True)
     if browser:
@@ -50,6 +51,7 @@ def serve(state: State, port: int, browser: bool) -> None:
 
 
 def _new_server(state: State, port: int) -> Server:
+    """Return a server for the page that has not been started."""
     pn = require("panel", "explorer", "serves the page")
 
     from polywigner.explorer.page import TITLE, Explorer
@@ -84,6 +86,7 @@ def _refuse_foreign_hosts(application: Application, port: int) -> None:
     find, hosts = application.find_handler, {f"{name}:{port}" for name in _NAMES}
 
     def find_local(request: HTTPServerRequest, **options: Any) -> HTTPMessageDelegate:
+        """Return the handler of a request; a foreign host gets status 403."""
         if request.host.lower() in hosts:
             return find(request, **options)
         return application.get_handler_delegate(request, ErrorHandler, {"status_code": 403})

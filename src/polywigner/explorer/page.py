@@ -79,9 +79,9 @@ class Explorer:
         self._document: Any = pn.state.curdoc
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="explorer")
         # key, computing time [s] and result of each view
-        self._pictures: dict[Name, tuple[str, float, View]] = {}
+        self._computed_views: dict[Name, tuple[str, float, View]] = {}
         self._errors: dict[Name, str] = {}
-        self._posted: deque[Callable[[], None]] = deque()
+        self._scheduled: deque[Callable[[], None]] = deque()
         self._is_following = False  # whether the controls are being set from the state
         self._editor = Editor(self._outline_edited, lambda point: self.edit(x=point))
         choose_nu = lambda point: self.edit(nu=point)  # noqa: E731
@@ -97,7 +97,7 @@ class Explorer:
             # Wait for the thread; from here on, models change under the document's lock.
             self._pool.submit(int).result()
             self._document = pn.state.curdoc
-            self._pool.submit(self._compute, self.state)
+            self._pool.submit(self._compute_views, self.state)
         close = partial(self._pool.shutdown, wait=False, cancel_futures=True)
         self._document.on_session_destroyed(lambda _: close())
         page = _Page(TEMPLATE)
@@ -107,44 +107,50 @@ class Explorer:
 
     @property
     def state(self) -> State:
+        """Current state."""
         return self.history.present
 
     def edit(self, gesture: str = "", **changes: Any) -> None:
         """Change the state; all changes of a gesture form one undo step."""
-        self._add(lambda: replace(self.state, **changes), gesture)
+        self._add_state(lambda: replace(self.state, **changes), gesture)
 
-    def _add(self, new_state: Callable[[], State], gesture: str = "") -> None:
+    def _add_state(self, new_state: Callable[[], State], gesture: str = "") -> None:
+        """Add a state to the history and show it; if it is invalid, show an error."""
         try:
             self.history.add(new_state(), gesture)
         except PolywignerError as error:
-            self._say(str(error))
+            self._show_message(str(error))
             self._show_controls()
         else:
             self._show_state(is_dragging=gesture == "drag")
 
-    def _move(self, steps: int) -> None:
+    def _undo_or_redo(self, steps: int) -> None:
+        """Undo (negative) or redo (positive) a number of steps."""
         self.history.move(steps)
         self._show_state()
 
     def _outline_edited(self, rings: states.Rings, is_final: bool) -> None:
+        """Replace the outlines; ``is_final`` is False during a drag."""
         self.edit("drag", rings=rings)
         if is_final:
-            self._move(0)
+            self._undo_or_redo(0)
 
     def _control_changed(self, name: str, event: Any) -> None:
+        """Change the state to the new value of a control."""
         if self._is_following:
             return
         value = event.new
         if name in _LOG:
             value = float(f"{10**value:.4g}")
         if name == "width":
-            self._add(lambda: self.state.with_width(value), name)
+            self._add_state(lambda: self.state.with_width(value), name)
         elif name == "wavelength":
             self.edit(name, wave=f"{value:g} {self.state.unit}")
         else:
             self.edit(name, **{name: value})
 
     def _shape_chosen(self, event: Any) -> None:
+        """Replace the outlines with a shape from the catalogue or a blank sheet."""
         if event.new == "blank sheet":
             self.edit(rings=())
             self._draw_toggle.value = True
@@ -153,19 +159,24 @@ class Explorer:
         self._shapes.value = "choose a shape …"
 
     def _file_chosen(self, event: Any) -> None:
+        """Replace the outlines with the outlines in an uploaded file."""
         if event.new:
             file = self._file.filename, event.new, self.state.unit
-            self._add(lambda: replace(self.state, rings=read_upload(*file)))
+            self._add_state(lambda: replace(self.state, rings=read_upload(*file)))
 
     def _draw_toggled(self, event: Any) -> None:
+        """Start or finish drawing a new outline."""
         self._draw_toggle.label = "Finish outline" if event.new else "Draw outline"
         if event.new:
             self._editor.start_sketch()
-            self._say("Click the corners; click the first one again to close the outline.", "info")
+            self._show_message(
+                "Click the corners; click the first one again to close the outline.", "info"
+            )
         elif self._editor.sketch is not None:
             self._editor.finish_sketch()
 
     def _show_state(self, is_dragging: bool = False) -> None:
+        """Show the current state, and start to compute its views in the thread."""
         state = self.state
         self._errors.clear()
         self._editor.show(state, keep_handles=is_dragging)
@@ -174,13 +185,14 @@ class Explorer:
         for plot in (self._plots["fourier"], self._plots["wigner_nu"]):
             plot.show_mark(state.nu, 1 / (state.wavelength * state.per_metre))
         self._status.object = "computing …"
-        self._pool.submit(self._compute, state)
+        self._pool.submit(self._compute_views, state)
 
     def _show_controls(self) -> None:
+        """Set all controls to the values of the current state."""
         self._is_following = True
         try:
             for name, control in self._controls.items():
-                self._set(name, control)
+                self._set_control(name, control)
             if self._draw_toggle.value and self._editor.sketch is None:
                 self._draw_toggle.value = False
             self._undo.disabled = not self.history.can_move(-1)
@@ -188,7 +200,8 @@ class Explorer:
         finally:
             self._is_following = False
 
-    def _set(self, name: str, control: Widget) -> None:
+    def _set_control(self, name: str, control: Widget) -> None:
+        """Set a control to its value in the current state."""
         state = self.state
         x0, _, x1, _ = state.box
         lengths = {"wavelength": state.wavelength * state.per_metre, "width": x1 - x0}
@@ -205,7 +218,7 @@ class Explorer:
         elif control.value != value:
             control.value = value
 
-    def _compute(self, state: State) -> None:
+    def _compute_views(self, state: State) -> None:
         """Compute all views with few samples, then with more samples.
 
         A newer state cancels only the second pass, so that the views follow a drag.
@@ -215,84 +228,93 @@ class Explorer:
         try:
             support = views.support_of(state)
         except PolywignerError as error:
-            self._post(self._show_invalid, state, str(error))
+            self._schedule(self._show_invalid, state, str(error))
             return
-        self._post(self._show_source, support)
+        self._schedule(self._show_support, support)
         for name in VIEWS:
-            is_shown = name in self._pictures and self._pictures[name][0] == _key(state, name)
-            if not (is_shown or name in self._errors):
+            key_shown, *_ = self._computed_views.get(name, ("",))
+            if key_shown != _view_key(state, name) and name not in self._errors:
                 self._compute_view(state, name, _QUICK_SAMPLES)
         for name in VIEWS if self._document is not None else ():
             if state is not self.state or name in self._errors:
                 continue
-            _, seconds, picture = self._pictures[name]
-            possible = int(len(picture.x) * math.sqrt(_SECONDS / seconds))
+            _, seconds, view = self._computed_views[name]
+            possible = int(view.samples * math.sqrt(_SECONDS / seconds))
             samples = min(views.SAMPLES, possible | 1)
-            if picture.image is not None and len(picture.x) < samples:
+            if 0 < view.samples < samples:
                 self._compute_view(state, name, samples)
-        self._post(self._finish, state)
+        self._schedule(self._show_ready, state)
 
     def _compute_view(self, state: State, name: Name, samples: int) -> None:
+        """Compute a view, and schedule its display or the display of an error."""
         start = time.perf_counter()
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                picture = views.picture(state, name, samples)
+                view = views.compute_view(state, name, samples)
         except PolywignerError as error:
             self._errors[name] = str(error)
-            self._post(self._plots[name].show_error, "not available, see above")
+            self._schedule(self._plots[name].show_error, "not available, see above")
             return
-        self._pictures[name] = _key(state, name), time.perf_counter() - start, picture
-        self._post(self._plots[name].show, picture)
+        self._computed_views[name] = _view_key(state, name), time.perf_counter() - start, view
+        self._schedule(self._plots[name].show, view)
 
-    def _post(self, show: Callable[..., None], *arguments: Any) -> None:
+    def _schedule(self, show: Callable[..., None], *arguments: Any) -> None:
         """Schedule a function call under the document's lock; the order of the calls is kept."""
-        self._posted.append(partial(show, *arguments))
+        self._scheduled.append(partial(show, *arguments))
         if self._document is None:
-            self._show_posted()
+            self._run_scheduled()
         else:
-            self._document.add_next_tick_callback(self._show_posted)
+            self._document.add_next_tick_callback(self._run_scheduled)
 
-    def _show_posted(self) -> None:
+    def _run_scheduled(self) -> None:
+        """Run all scheduled function calls in their order."""
         # Bokeh may change the order of its callbacks.
-        while self._posted:
-            self._posted.popleft()()
+        while self._scheduled:
+            self._scheduled.popleft()()
 
-    def _show_source(self, support: list[views.Polygon]) -> None:
+    def _show_support(self, support: list[views.Polygon]) -> None:
+        """Draw the region outside which W is zero, and show the views as valid."""
         self._editor.show_support(support)
         self._views.styles = {"grid-area": "views", "opacity": "1"}
 
     def _show_invalid(self, state: State, error: str) -> None:
+        """Show an error in the outlines, and fade the views."""
         if state is self.state:
             self._views.styles = {"grid-area": "views", "opacity": "0.35"}
             self._status.object = "not computed"
-            self._say(f"{error} The figures show an earlier outline.")
+            self._show_message(f"{error} The figures show an earlier outline.")
 
-    def _finish(self, state: State) -> None:
+    def _show_ready(self, state: State) -> None:
+        """Show that all views are complete, with the errors and the Python code."""
         if state is not self.state:
             return
         self._status.object = "ready"
-        self._say("; ".join(f"{VIEWS[n]}: {text}" for n, text in self._errors.items()))
+        self._show_message("; ".join(f"{VIEWS[n]}: {text}" for n, text in self._errors.items()))
         self._show_code()
 
-    def _say(self, text: str, kind: str = "warning") -> None:
+    def _show_message(self, text: str, kind: str = "warning") -> None:
+        """Show a message above the outline editor; an empty text hides it."""
         self._message.param.update(object=text, alert_type=kind, visible=bool(text))
 
-    def _picture(self) -> View:
+    def _saved_view(self) -> View:
+        """Return the view that is selected for saving."""
         name = self._saved.value
-        if name not in self._pictures:
+        if name not in self._computed_views:
             self._compute_view(self.state, name, views.SAMPLES)
-        return self._pictures[name][2]
+        return self._computed_views[name][2]
 
     def _show_code(self, *_: Any) -> None:
+        """Show the Python code of the view that is selected for saving."""
         try:
-            code = views.snippet(self.state, self._saved.value, len(self._picture().x))
+            code = views.snippet(self.state, self._saved.value, self._saved_view().samples)
         except (PolywignerError, KeyError):
             code = ""
         self._code.object = f"<pre>{escape(code)}</pre>"
         self._npz.filename = f"{self._saved.value}.npz"
 
-    def _control(self, name: str, control: Widget) -> Widget:
+    def _connected(self, name: str, control: Widget) -> Widget:
+        """Connect a control to the state variable ``name``, and return the control."""
         control.param.update(**_FIELD)
         control.param.watch(partial(self._control_changed, name), "value")
         if isinstance(control, pn.widgets.FloatSlider):
@@ -301,36 +323,41 @@ class Explorer:
         return control
 
     def _slider(self, name: str, label: str, low: float, high: float, step: float) -> Widget:
-        return self._control(name, pn.widgets.FloatSlider(
+        """Return a slider for the state variable ``name``."""
+        return self._connected(name, pn.widgets.FloatSlider(
             label=label, start=low, end=high, step=step, value=low, tags=[label]
         ))  # fmt: skip
 
     def _log_slider(self, name: str, label: str) -> Widget:
+        """Return a slider for the decimal logarithm of a length."""
         low, high = map(math.log10, _LOG[name])
         slider = self._slider(name, label, low, high, 0.005)
         slider.format = CustomJSTickFormatter(code="return (10**tick).toPrecision(3)")
         return slider
 
     def _select(self, name: str, label: str, options: Iterable[str]) -> Widget:
-        return self._control(name, pn.widgets.Select(label=label, options=list(options)))
+        """Return a drop-down list for the state variable ``name``."""
+        return self._connected(name, pn.widgets.Select(label=label, options=list(options)))
 
     def _new_layout(self) -> ListPanel:
+        """Return the layout of the page: head, outline editor, views and controls."""
         self._undo = pn.widgets.Button(label="Undo", margin=4, width=70)
         self._redo = pn.widgets.Button(label="Redo", margin=4, width=70)
-        self._undo.on_click(lambda _: self._move(-1))
-        self._redo.on_click(lambda _: self._move(1))
+        self._undo.on_click(lambda _: self._undo_or_redo(-1))
+        self._redo.on_click(lambda _: self._undo_or_redo(1))
         self._status = pn.pane.HTML("computing …", width=90)
         self._message = pn.pane.Alert("", visible=False, margin=0)
         title = pn.pane.HTML(f"<b>{TITLE}</b>")
         parts = title, self._undo, self._redo, self._status, self._message
         head = _box(_HEAD, *parts, area="head", kind=pn.Row)
-        outline = _figure(self._editor.plot), self._new_outline_buttons()
+        outline = _figure_pane(self._editor.plot), self._new_outline_buttons()
         editor = _box(_CARD, *outline, area="editor")
-        figures = [_box(_CARD, _figure(plot.plot)) for plot in self._plots.values()]
+        figures = [_box(_CARD, _figure_pane(plot.plot)) for plot in self._plots.values()]
         self._views = _box(_VIEWS, *figures, area="views")
         return _box(_GRID, head, editor, self._views, self._new_controls())
 
     def _new_outline_buttons(self) -> ListPanel:
+        """Return the controls below the outline editor."""
         self._draw_toggle = pn.widgets.Toggle(label="Draw outline", **_FIELD)
         self._draw_toggle.param.watch(self._draw_toggled, "value")
         delete = pn.widgets.Button(label="Delete vertex", **_FIELD)
@@ -344,19 +371,20 @@ class Explorer:
         return _box("", _box(_PAIR, self._draw_toggle, delete, self._shapes, unit), self._file)
 
     def _new_controls(self) -> ListPanel:
+        """Return the cards with controls for the source, the views and saving."""
         integer = partial(pn.widgets.IntInput, start=1, end=states.MAX_ELEMENTS)
         source = [
             self._log_slider("width", "Width"),
             self._log_slider("wavelength", "Wavelength"),
-            self._control("wave", pn.widgets.TextInput(label="Frequency or wavelength")),
+            self._connected("wave", pn.widgets.TextInput(label="Frequency or wavelength")),
             self._select("taper", "Taper", states.TAPERS),
             self._slider("theta", "Steering θ (degrees)", 0, 80, 0.5),
             self._slider("phi", "Azimuth φ (degrees)", -180, 180, 1),
         ]
         array = [
-            self._control("columns", integer(label="Columns")),
-            self._control("rows", integer(label="Rows")),
-            self._control("pitch", pn.widgets.FloatInput(label="Pitch", start=1e-6)),
+            self._connected("columns", integer(label="Columns")),
+            self._connected("rows", integer(label="Rows")),
+            self._connected("pitch", pn.widgets.FloatInput(label="Pitch", start=1e-6)),
         ]
         shown = [
             self._select("part", "F(ν) as", get_args(states.Part)),
@@ -367,7 +395,7 @@ class Explorer:
         labels = {label: name for name, label in VIEWS.items()}
         self._saved = pn.widgets.Select(label="View", options=labels, **_FIELD)
         self._saved.param.watch(self._show_code, "value")
-        self._npz = _download("npz of the view", lambda: views.npz(self._picture()))
+        self._npz = _download("npz of the view", lambda: views.npz(self._saved_view()))
         geojson = lambda: states.geojson(self.state).encode()  # noqa: E731
         outline = _download("GeoJSON of the aperture", geojson, "aperture.geojson")
         style = "pre { overflow: auto; font-size: 11px; max-height: 260px; user-select: all; }"
@@ -386,19 +414,22 @@ class Explorer:
 
 
 def _box(css: str, *parts: Viewable, area: str = "auto", kind: Any = pn.Column) -> ListPanel:
+    """Return a stretched Panel container with CSS rules, at an area of the page grid."""
     return kind(*parts, stylesheets=[css], styles={"grid-area": area}, **_WIDE)
 
 
 def _download(label: str, content: Callable[[], bytes], filename: str = "view") -> Widget:
+    """Return a button that downloads the bytes that ``content`` returns."""
     read = lambda: io.BytesIO(content())  # noqa: E731
     return pn.widgets.FileDownload(label=label, callback=read, filename=filename, **_FIELD)
 
 
-def _figure(plot: figure) -> Viewable:
+def _figure_pane(plot: figure) -> Viewable:
+    """Return a Panel pane for a Bokeh figure."""
     return pn.pane.Bokeh(plot, sizing_mode="scale_width")
 
 
-def _key(state: State, name: Name) -> str:
+def _view_key(state: State, name: Name) -> str:
     """Return a string that identifies the figure of a view in a state."""
     return views.snippet(state, name) + (state.part if name == "fourier" else "")
 

@@ -14,7 +14,7 @@ from bokeh.events import DoubleTap, PointEvent, Tap
 from bokeh.plotting import figure as Figure
 
 from polywigner.explorer.state import Point, Rings, State, rings_of_rows, with_vertex
-from polywigner.explorer.views import Name, Polygon, View
+from polywigner.explorer.views import Name, Polygon, View, polygon_columns
 from polywigner.figures.style import ACCENT, BLUE, INK, ORANGE
 
 PALE = "#c6d7e6"
@@ -35,14 +35,6 @@ if (now - (relay.tags[0] ?? 0) > 60) {
   relay.data = {x: [...x], y: [...y], ring: [...ring]}
 }
 """
-
-
-def rows(polygons: Sequence[Polygon]) -> dict[str, list[Any]]:
-    """Return the columns of a MultiPolygons glyph, with a row for each polygon."""
-    return {
-        axis: [[[ring[:, k].tolist() for ring in polygon]] for polygon in polygons]
-        for k, axis in enumerate(("xs", "ys"))
-    }
 
 
 class Editor:
@@ -87,11 +79,12 @@ class Editor:
         self._relay.on_change("data", lambda attr, old, new: self._edited(self._relay, False))
         self.vertices.on_change("data", lambda attr, old, new: self._edited(self.vertices, True))
         plot.on_event(Tap, self._tapped)
-        # Bokeh reports no Tap for a double tap.
+        # Bokeh does not report a double tap as a Tap.
         plot.on_event(DoubleTap, self._tapped)
         self.plot = plot
 
     def show(self, state: State, keep_handles: bool = False) -> None:
+        """Draw outlines, vertices and selected position; keep the vertices during a drag."""
         if not keep_handles:
             self._rings = state.rings
             points = [(x, y, k) for k, ring in enumerate(state.rings) for x, y in ring]
@@ -99,68 +92,76 @@ class Editor:
             self.vertices.data = dict(zip(("x", "y", "ring"), map(list, columns), strict=True))
             # The canvas fills a row by the even-odd rule, so inner rings are holes.
             rings = [np.array(ring) for ring in state.rings]
-            self._drawn.data = rows([rings] if rings else [])
+            self._drawn.data = polygon_columns([rings] if rings else [])
             self._fit(state)
         self._position.data = {"x": [state.x[0]], "y": [state.x[1]]}
         for axis, label in zip(self.plot.axis, ("x", "y"), strict=True):
             axis.axis_label = f"{label} ({state.unit})"
 
     def show_support(self, polygons: Sequence[Polygon]) -> None:
-        self._support.data = rows(polygons)
+        """Draw the region outside which W is zero."""
+        self._support.data = polygon_columns(polygons)
 
     def delete_selected(self) -> None:
         """Delete the selected vertices, and outlines with fewer than three vertices."""
         selected = set(self.vertices.selected.indices)
         self.vertices.selected.indices = []
-        rows = [row for k, row in enumerate(self._rows(self.vertices)) if k not in selected]
+        rows = [row for k, row in enumerate(self._rounded_rows(self.vertices)) if k not in selected]
         self._on_rings(rings_of_rows(rows), True)
 
     def start_sketch(self) -> None:
+        """Start a new outline, to which clicks add corners."""
         self.sketch = []
         self._show_sketch()
 
     def finish_sketch(self) -> None:
+        """Add the new outline to the others if it has three or more corners."""
         ring, self.sketch = tuple(self.sketch or ()), None
         self._show_sketch()
         if len(ring) >= 3:
             self._on_rings((*self._rings, ring), True)
 
     def _show_sketch(self) -> None:
+        """Draw the corners of the new outline."""
         x, y = zip(*self.sketch, strict=True) if self.sketch else ((), ())
         self._sketch.data = {"x": list(x), "y": list(y)}
 
-    def _span(self) -> float:
+    def _visible_width(self) -> float:
+        """Return the width of the visible region in units of the page."""
         return float(self.plot.x_range.end - self.plot.x_range.start)
 
-    def _rows(self, source: models.ColumnDataSource) -> list[tuple[int, float, float]]:
+    def _rounded_rows(self, source: models.ColumnDataSource) -> list[tuple[int, float, float]]:
+        """Return vertices as rows (outline index, x, y); moved vertices are rounded."""
         data, exact = source.data, {p for ring in self._rings for p in ring}
         points = [(float(x), float(y)) for x, y in zip(data["x"], data["y"], strict=True)]
         points = [p if p in exact else rounded(self.plot, *p) for p in points]
         return [(int(k), *p) for k, p in zip(data["ring"], points, strict=True)]
 
     def _edited(self, source: models.ColumnDataSource, is_final: bool) -> None:
-        rings = rings_of_rows(self._rows(source))
+        """Report the edited outlines; ``is_final`` is False during a drag."""
+        rings = rings_of_rows(self._rounded_rows(source))
         if not is_final or rings != self._rings:
             self._on_rings(rings, is_final)
 
     def _tapped(self, event: PointEvent) -> None:
+        """Select a position, insert a vertex, or add a corner to a new outline."""
         if event.x is None:
             return
         point = rounded(self.plot, event.x, event.y)
         if self.sketch is None:
             if isinstance(event, DoubleTap):
                 self._on_rings(with_vertex(self._rings, point), True)
-            elif self._nearest([p for ring in self._rings for p in ring], point) > 0.03:
+            elif self._distance_to_nearest([p for ring in self._rings for p in ring], point) > 0.03:
                 self._on_position(point)
-        elif len(self.sketch) >= 3 and self._nearest(self.sketch[:1], point) <= 0.03:
+        elif len(self.sketch) >= 3 and self._distance_to_nearest(self.sketch[:1], point) <= 0.03:
             self.finish_sketch()
-        elif self._nearest(self.sketch[-1:], point) > 0.01:
+        elif self._distance_to_nearest(self.sketch[-1:], point) > 0.01:
             self.sketch.append(point)
             self._show_sketch()
 
-    def _nearest(self, points: Sequence[Point], point: Point) -> float:
+    def _distance_to_nearest(self, points: Sequence[Point], point: Point) -> float:
         """Return the distance to the nearest point as a fraction of the figure width."""
-        return min((math.dist(p, point) / self._span() for p in points), default=math.inf)
+        return min((math.dist(p, point) / self._visible_width() for p in points), default=math.inf)
 
     def _fit(self, state: State) -> None:
         """Fit the axes if the outlines exceed them or fill less than 40 % of them."""
@@ -170,7 +171,7 @@ class Editor:
             return
         xr, yr = self.plot.x_range, self.plot.y_range
         inside = xr.start <= x0 and x1 <= xr.end and yr.start <= y0 and y1 <= yr.end
-        if inside and size > 0.4 * self._span():
+        if inside and size > 0.4 * self._visible_width():
             return
         half = 0.7 * size
         for axis, centre in ((xr, (x0 + x1) / 2), (yr, (y0 + y1) / 2)):
@@ -228,32 +229,16 @@ class Plot:
                 plot.add_glyph(self._mark, cross)
             plot.on_event(Tap, self._tapped)
 
-    def show(self, picture: View) -> None:
+    def show(self, view: View) -> None:
+        """Draw the image, the curves or the outlines of a view."""
         plot = self.plot
-        plot.title.text = picture.title
-        self._quantity.text = picture.quantity or " "
-        plot.xaxis.axis_label, plot.yaxis.axis_label = picture.x_label, picture.y_label
-        x, y = picture.x, picture.y
-        edges = [(float(a[0]), float(a[-1])) for a in (x, y)]
-        if picture.image is not None and self._mapper is not None:
-            low, high = picture.limits
-            self._mapper.update(palette=_palette(picture.colours), low=low, high=high)
-            edges = [(a[0] - h, a[-1] + h) for a, h in ((a, (a[1] - a[0]) / 2) for a in (x, y))]
-            (x0, x1), (y0, y1) = edges
-            self._source.data = {
-                "image": [picture.image.astype(np.float32)],
-                "x": [x0], "y": [y0], "dw": [x1 - x0], "dh": [y1 - y0],
-            }  # fmt: skip
-        elif picture.curves is not None:
-            count = len(picture.curves)
-            self._source.data = {
-                "xs": [x] * count, "ys": list(picture.curves.values()),
-                "label": list(picture.curves), "colour": [BLUE, ACCENT][:count],
-                "dash": ["solid", "dashed"][:count],
-            }  # fmt: skip
-        elif picture.outlines is not None:
-            self._source.data = rows(picture.outlines)
-        for axis, (start, end) in zip((plot.x_range, plot.y_range), edges, strict=True):
+        plot.title.text, self._quantity.text = view.title, view.quantity or " "
+        plot.xaxis.axis_label, plot.yaxis.axis_label = view.x_label, view.y_label
+        if self._mapper is not None:
+            low, high = view.limits
+            self._mapper.update(palette=_palette(view.colours), low=low, high=high)
+        self._source.data = dict(view.columns)
+        for axis, (start, end) in zip((plot.x_range, plot.y_range), view.edges, strict=True):
             axis.update(start=start, end=end)
 
     def show_mark(self, point: Point, horizon: float = 0.0) -> None:
@@ -262,10 +247,12 @@ class Plot:
         self._horizon.data = {"d": [2 * horizon]}
 
     def show_error(self, text: str) -> None:
+        """Clear the figure, and show an error as its title."""
         self._source.data = {key: [] for key in self._source.data}
         self.plot.title.text, self._quantity.text = text, " "
 
     def _tapped(self, event: PointEvent) -> None:
+        """Report a clicked point."""
         if self._on_tap and event.x is not None:
             self._on_tap(rounded(self.plot, event.x, event.y))
 
@@ -277,6 +264,7 @@ def rounded(plot: Figure, x: float, y: float) -> Point:
 
 
 def _new_figure(name: str, **settings: Any) -> Figure:
+    """Return an empty square Bokeh figure in the style of the page."""
     plot = Figure(
         name=name, toolbar_location="above", sizing_mode="scale_width", aspect_ratio=1,
         x_range=models.Range1d(-1, 1), y_range=models.Range1d(-1, 1), **settings,
@@ -293,4 +281,5 @@ def _new_figure(name: str, **settings: Any) -> Figure:
 
 @lru_cache(maxsize=8)
 def _palette(name: str) -> list[str]:
+    """Return 256 colours of a matplotlib colour map, such as "#000004"."""
     return [mpl.colors.to_hex(colour) for colour in mpl.colormaps[name](np.linspace(0, 1, 256))]

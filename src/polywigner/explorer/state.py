@@ -112,6 +112,7 @@ class State:
 
     @property
     def per_metre(self) -> int:
+        """Number of units of the page per metre."""
         return UNITS[self.unit]
 
     @property
@@ -142,6 +143,7 @@ class History:
 
     @property
     def present(self) -> State:
+        """Current state."""
         return self.states[self.position]
 
     def add(self, state: State, gesture: str = "") -> None:
@@ -153,6 +155,7 @@ class History:
         self.position, self.gesture = len(self.states) - 1, gesture
 
     def can_move(self, steps: int) -> bool:
+        """Return whether a state ``steps`` later, or earlier if negative, exists."""
         return 0 <= self.position + steps < len(self.states)
 
     def move(self, steps: int) -> None:
@@ -162,6 +165,7 @@ class History:
 
 
 def with_vertex(rings: Rings, point: Point) -> Rings:
+    """Return the outlines with a new vertex, inserted into the nearest edge."""
     edges = [(k, j) for k, ring in enumerate(rings) for j in range(len(ring))]
     if not edges:
         return rings
@@ -183,7 +187,7 @@ def read_upload(name: str, content: bytes, unit: str) -> Rings:
         path = Path(folder) / f"aperture{Path(name).suffix}"
         path.write_bytes(content)
         try:
-            aperture = pw.read_aperture(path, unit={"µm": "um"}.get(unit, unit))
+            aperture = pw.read_aperture(path, unit=unit)
         except errors.PolywignerError as error:
             raise errors.FileFormatError(str(error).replace(str(path), name)) from None
     rings = rings_of(aperture, UNITS[unit])
@@ -192,6 +196,7 @@ def read_upload(name: str, content: bytes, unit: str) -> Rings:
 
 
 def geojson(state: State) -> str:
+    """Return the aperture as a GeoJSON feature in mm."""
     polygons = aperture_of(state.rings, state.per_metre).polygons
     in_mm = shapely.transform(polygons, lambda metres: np.round(metres * UNITS["mm"], 12))
     properties = {"unit": "mm", "wave": state.wave}
@@ -248,6 +253,7 @@ def source_code(state: State) -> str:
 
 
 def run(code: str, **names: Any) -> dict[str, Any]:
+    """Run Python code with some variables, and return all variables."""
     variables = {"np": np, "shapely": shapely, "pw": pw, **names}
     exec(code, variables)
     return variables
@@ -257,6 +263,7 @@ _variables = lru_cache(maxsize=64)(run)
 
 
 def variables_of(state: State) -> dict[str, Any]:
+    """Return the variables of the code that builds the source; results are cached."""
     return _variables(source_code(state))
 
 

@@ -90,6 +90,7 @@ def view_code(state: State, name: Name, samples: int = SAMPLES) -> str:
 
 
 def _half_size(state: State) -> float:
+    """Return half of the larger side of the bounds of the source in metres."""
     xmin, ymin, xmax, ymax = source_of(state).bounds
     return max(xmax - xmin, ymax - ymin) / 2
 
@@ -102,47 +103,55 @@ def snippet(state: State, name: Name, samples: int = SAMPLES) -> str:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A view in units of the page, with its values in SI units.
-
-    For images, ``x`` and ``y`` contain the axes. For curves, ``x`` contains the arguments and ``y``
-    the limits of the vertical axis. For outlines, both contain the limits of the axes.
-    """
+    """An image, curves or outlines in units of the page, with the values in SI units."""
 
     title: str
     x_label: str
     y_label: str
     arrays: Mapping[str, NDArray[Any]]  # values and axes in SI units, by name
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
-    image: NDArray[np.float64] | None = None  # displayed values (y, x)
+    columns: Mapping[str, Sequence[Any]]  # data of the Bokeh glyph
+    edges: Sequence[Sequence[float]]  # limits of the horizontal and of the vertical axis
+    samples: int = 0  # number of samples along each axis of an image
     limits: tuple[float, float] = (0.0, 1.0)  # limits of the colour scale
     colours: str = style.LEVEL_MAP
     quantity: str = ""  # label of the colour scale
-    curves: Mapping[str, NDArray[np.float64]] | None = None
-    outlines: Sequence[Polygon] | None = None
 
 
-def picture(state: State, name: Name, samples: int = SAMPLES) -> View:
+def polygon_columns(polygons: Sequence[Polygon]) -> dict[str, list[Any]]:
+    """Return the columns of a MultiPolygons glyph, with a row for each polygon."""
+    return {
+        axis: [[[ring[:, k].tolist() for ring in polygon]] for polygon in polygons]
+        for k, axis in enumerate(("xs", "ys"))
+    }
+
+
+def compute_view(state: State, name: Name, samples: int = SAMPLES) -> View:
+    """Compute a view of a state."""
     result = states.run(view_code(state, name, samples), **variables_of(state))
     values, scale, unit = result["values"], float(state.per_metre), state.unit
     at_x = f"at x = ({state.x[0]:.3g}, {state.x[1]:.3g}) {unit}"
     at_nu = f"at ν = ({state.nu[0]:.3g}, {state.nu[1]:.3g}) /{unit}"
     if name == "lags":
         polygons = polygons_of(values)
-        span = np.array([-1, 1]) * _MARGIN * 2 * _half_size(state) * scale
+        reach = _MARGIN * 2 * _half_size(state) * scale
         return View(
             f"Lag slice {at_x}", f"ξ_x ({unit})", f"ξ_y ({unit})",
             {f"ring_{k}": ring for k, ring in enumerate(r for p in polygons for r in p)},
-            span, span, outlines=[[ring * scale for ring in p] for p in polygons],
+            polygon_columns([[ring * scale for ring in p] for p in polygons]),
+            [(-reach, reach)] * 2,
         )  # fmt: skip
     if name == "far":
         azimuths, peak = [state.phi, state.phi + 90], float(values.max())
-        top = 5 * math.ceil((peak + 1) / 5)
+        top, theta = 5 * math.ceil((peak + 1) / 5), np.degrees(result["x"])
         return View(
             f"Directivity, peak {peak:.2f} dBi", "θ (degrees)", "directivity (dBi)",
             {"values": values, "theta": result["x"], "phi": np.radians(azimuths)},
-            np.degrees(result["x"]), np.array([top + FLOOR_DB, top]),
-            curves={f"φ = {a:.4g}°": curve for a, curve in zip(azimuths, values.T, strict=True)},
+            {
+                "xs": [theta, theta], "ys": list(values.T),
+                "label": [f"φ = {azimuth:.4g}°" for azimuth in azimuths],
+                "colour": [style.BLUE, style.ACCENT], "dash": ["solid", "dashed"],
+            },
+            [(theta[0], theta[-1]), (top + FLOOR_DB, top)],
         )  # fmt: skip
     title, *symbols = {
         "fourier": ("Fourier transform F(ν)", "ν_x", "ν_y"),
@@ -154,9 +163,18 @@ def picture(state: State, name: Name, samples: int = SAMPLES) -> View:
     }[name]
     axes = [result["x"], result["y"]]
     x_label, y_label = (f"{s} ({'1/' if s[0] in 'νυ' else ''}{unit})" for s in symbols)
-    x, y = (a / scale if s[0] in "νυ" else a * scale for s, a in zip(symbols, axes, strict=True))
+    shown = (a / scale if s[0] in "νυ" else a * scale for s, a in zip(symbols, axes, strict=True))
+    halves = [(a, (a[1] - a[0]) / 2) for a in shown]  # axes, and half the size of a pixel
+    (x0, x1), (y0, y1) = edges = [(float(a[0] - h), float(a[-1] + h)) for a, h in halves]
+    image, limits, colours, quantity = _image(state, name, values)
+    columns: dict[str, list[Any]] = {
+        "image": [image.astype(np.float32)],
+        "x": [x0], "y": [y0], "dw": [x1 - x0], "dh": [y1 - y0],
+    }  # fmt: skip
     arrays = {"values": values, "x": axes[0], "y": axes[1]}
-    return View(title, x_label, y_label, arrays, x, y, *_image(state, name, values))
+    return View(
+        title, x_label, y_label, arrays, columns, edges, len(image), limits, colours, quantity
+    )
 
 
 def _image(
@@ -187,7 +205,8 @@ def support_of(state: State) -> list[Polygon]:
     return [[ring * state.per_metre for ring in polygon] for polygon in polygons]
 
 
-def npz(picture: View) -> bytes:
-    buffer, labels = io.BytesIO(), {"title": picture.title, "quantity": picture.quantity}
-    np.savez_compressed(buffer, **picture.arrays, **labels)  # type: ignore[arg-type]
+def npz(view: View) -> bytes:
+    """Return the values and axes of a view as the bytes of an .npz file."""
+    buffer, labels = io.BytesIO(), {"title": view.title, "quantity": view.quantity}
+    np.savez_compressed(buffer, **view.arrays, **labels)  # type: ignore[arg-type]
     return buffer.getvalue()

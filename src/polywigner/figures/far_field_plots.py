@@ -121,6 +121,7 @@ def draw_pattern(
 
 
 def _panel_names(panels: Sequence[str] | None, meridians: int) -> list[str]:
+    """Return the names of the panels to draw, without repetitions."""
     if panels is None:
         return [name for name in _PANELS if name != "uv" or meridians >= _LEAST_MERIDIANS]
     if isinstance(panels, str) or not isinstance(panels, Sequence):
@@ -173,33 +174,38 @@ def _drawn_cuts(
 
 
 def _with_drawn_cuts(metrics: BeamMetrics, lines: Sequence[Cut]) -> BeamMetrics:
+    """Return the metrics of a beam with the metrics of the drawn cuts."""
     highest = max(float(line.levels.max()) for line in lines)
     cuts = tuple(cut_metrics(line, highest) for line in lines)
     return replace(metrics, cuts=cuts, beam_cuts=() if lines[0].kind == "theta" else cuts)
 
 
 def _cut_name(cut: Cut) -> str:
+    """Return the label of a cut for the legend."""
     return "across it" if cut.kind == "across" else f"$\\phi$ = {style.degrees_text(cut.phi)}"
 
 
 def _draw_cuts(
     axes: Axes, metrics: BeamMetrics, cuts: Sequence[Cut], low: float, high: float
 ) -> None:
+    """Draw the directivity along cuts in dBi over the angle in degrees."""
     from matplotlib.ticker import MultipleLocator
 
     for number, cut in enumerate(cuts):
-        _plot(axes, number, np.degrees(cut.angles), cut.levels, low - 100, label=_cut_name(cut))
+        _plot_levels(
+            axes, number, np.degrees(cut.angles), cut.levels, low - 100, label=_cut_name(cut)
+        )
     for number, cut in enumerate(cuts):
         if cut.cross_levels is not None and cut.cross_levels.max() > low:
             angles = np.degrees(cut.angles)
             label = "its cross-polar part" if len(cuts) > 1 else "cross-polar part"
-            _plot(axes, number, angles, cut.cross_levels, low - 100, label=label, ls=":")
+            _plot_levels(axes, number, angles, cut.cross_levels, low - 100, label=label, ls=":")
     reach = _largest_angle(cuts)
     axes.axhline(high - 10 * math.log10(2), color="0.6", lw=0.6, ls=":")
     entries = len(axes.get_legend_handles_labels()[0])
     axes.xaxis.set_major_locator(MultipleLocator(30 if reach > 45 else 10))
     angle = "the normal $\\theta$" if cuts[0].kind == "theta" else "the beam"
-    style.finish_lines(
+    style.format_line_axes(
         axes,
         xlim=(-reach, reach),
         ylim=(low, high + (0.05 + 0.08 * -(-entries // 2)) * (high - low)),
@@ -217,18 +223,23 @@ def _draw_cuts(
     axes.legend(frameon=False, fontsize=7, ncols=2, loc="upper center")
 
 
-def _plot(axes: Axes, number: int, angles: Floats, levels: Floats, low: float, **line: Any) -> None:
+def _plot_levels(
+    axes: Axes, number: int, angles: Floats, levels: Floats, low: float, **line: Any
+) -> None:
+    """Draw the levels of cut ``number``, clipped at ``low``."""
     default: dict[str, Any] = {"color": _COLOURS[number % 4], "ls": _DASHES[number % 4], "lw": 1.2}
     axes.plot(angles, np.maximum(levels, low), **(default | line))
 
 
 def _largest_angle(cuts: Sequence[Cut]) -> float:
+    """Return the largest absolute angle of the cuts in degrees."""
     return max(float(np.degrees(np.abs(cut.angles).max())) for cut in cuts)
 
 
 def _draw_polar(axes: Any, cuts: Sequence[Cut], low: float, high: float) -> None:
+    """Draw the directivity along cuts in dBi in polar axes."""
     for number, cut in enumerate(cuts):
-        _plot(axes, number, cut.angles, cut.levels, low)
+        _plot_levels(axes, number, cut.angles, cut.levels, low)
     edge = min(180, max(90, 30 * math.ceil(_largest_angle(cuts) / 30 - 1e-9)))
     step = 10.0 if high - low > 25 else 5.0
     axes.set(
@@ -245,6 +256,7 @@ def _draw_polar(axes: Any, cuts: Sequence[Cut], low: float, high: float) -> None
 
 
 def _write_table(axes: Axes, metrics: BeamMetrics) -> None:
+    """Write the metrics of a beam as a table."""
     axes.axis("off")
     text = re.sub(r"-(?=\d|inf)", "\N{MINUS SIGN}", str(metrics).replace("^2", "²"))
     axes.text(
@@ -308,7 +320,7 @@ def draw_tolerance(
         )  # fmt: skip
         axes.plot(degrees, mean, color=style.RED, lw=1.2, ls="--", label="mean, closed form")
         axes.plot(degrees, nominal, color=style.BLUE, lw=0.9, label="without errors")
-        style.finish_lines(
+        style.format_line_axes(
             axes, legend=8,
             xlim=(degrees.min(), degrees.max()), ylim=(high + floor_db, high + 3),
             xlabel="angle from the normal $\\theta$ (degrees)", ylabel="directivity (dBi)",
@@ -387,6 +399,7 @@ def draw_rcs(
 
 
 def _draw_rcs_cut(polar: Any, angles: Floats, levels: Floats, smooth: float | None) -> None:
+    """Draw levels in dBsm in polar axes; ``smooth`` is the width of a median in rad."""
     fine = smooth is not None or len(angles) > 1000
     polar.plot(
         angles, levels, color=style.BLUE, lw=0.5 if fine else 1.2, alpha=0.5 if smooth else 1.0

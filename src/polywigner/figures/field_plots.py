@@ -82,9 +82,8 @@ class Comparison:
                     f"the variable {name!r} differs from the other fields in quantity or axes; "
                     "draw it in a separate figure"
                 )
-        if against is not None:
-            checked_choice(against, "against", list(arrays))
-        against = list(arrays)[-1] if against is None else against
+        names = list(arrays)
+        against = names[-1] if against is None else checked_choice(against, "against", names)
         fields = {name: np.asarray(array.values) for name, array in arrays.items()}
         is_field = np.iscomplexobj(fields[against])
         if is_field:
@@ -98,9 +97,11 @@ class Comparison:
 
     @property
     def zero_text(self) -> str:
+        """Power at 0 dB with its unit."""
         return style.quantity_text(self.zero, self.unit)
 
     def level_text(self, floor_db: float) -> str:
+        """Return the label of a colour bar for levels above a floor."""
         return f"{self.quantity}, dB relative to {self.zero_text}\n{style.floor_text(floor_db)}"
 
     def default_floor_db(self) -> float:
@@ -163,7 +164,7 @@ def draw_lines(
         len(ratios), len(fields), sharex="col", sharey="row", squeeze=False, height_ratios=ratios
     )
     for column, (name, dataset), part in zip(panels.T, columns.items(), fields, strict=True):
-        _draw_column(column, part, _line_axis(dataset, part.dims))
+        _draw_levels_and_differences(column, part, _line_axis(dataset, part.dims))
         text = f"0 dB: {part.zero_text}"
         if name:
             text = f"{name}; {text}"
@@ -176,7 +177,7 @@ def draw_lines(
     panels[0, 0].set_ylabel(f"{fields[0].quantity} (dB)")
     legend: dict[str, Any] = {"frameon": False, "fontsize": 7.5, "handlelength": 2.6}
     if is_compared:
-        _difference_axis(panels[1], fields[0])
+        _format_difference_axes(panels[1], fields[0])
     if is_compared and side_by_side:
         handles, labels = panels[0, 0].get_legend_handles_labels()
         position: Any = "outside lower center"
@@ -186,7 +187,10 @@ def draw_lines(
     return figure
 
 
-def _draw_column(column: Any, fields: Comparison, axis: tuple[Floats, str, bool]) -> None:
+def _draw_levels_and_differences(
+    column: Any, fields: Comparison, axis: tuple[Floats, str, bool]
+) -> None:
+    """Draw levels along a line in the upper panel, and differences in the lower panel."""
     positions, label, is_logarithmic = axis
     styles = _styles(list(fields.powers), fields.against)
     for method, values in fields.powers.items():
@@ -196,7 +200,7 @@ def _draw_column(column: Any, fields: Comparison, axis: tuple[Floats, str, bool]
             difference = difference_db(values, fields.powers[fields.against])
             column[1].plot(positions, difference, **styles[method])
     for axes in column:
-        style.finish_lines(axes, xmargin=0)
+        style.format_line_axes(axes, xmargin=0)
     column[-1].set_xlabel(label)
     if is_logarithmic:
         from matplotlib.ticker import LogFormatter, LogLocator
@@ -232,6 +236,7 @@ def _line_axis(dataset: Any, dims: tuple[str, ...]) -> tuple[Floats, str, bool]:
 
 
 def _styles(methods: list[str], against: str) -> dict[str, dict[str, Any]]:
+    """Return the line style of each method; the reference is a broad grey line."""
     if len(methods) == 1:
         return {against: {"color": _COLOURS[1], "lw": 1.2}}
     others = (method for method in methods if method != against)
@@ -243,7 +248,8 @@ def _styles(methods: list[str], against: str) -> dict[str, dict[str, Any]]:
     return styles | {against: broad}
 
 
-def _difference_axis(panels: Any, fields: Comparison) -> None:
+def _format_difference_axes(panels: Any, fields: Comparison) -> None:
+    """Set the scale, limits, ticks and labels of the panels with differences."""
     lines = [line.get_ydata() for axes in panels for line in axes.lines]
     largest = max(float(np.nanmax(np.abs(values), initial=0.0)) for values in lines)
     bound = min(max(largest * 1.3, 3 * _LINEAR_DB), 30.0)
@@ -326,7 +332,7 @@ def draw_planes(
         _draw_differences(panels[1], fields, across[1], up[1])
     for axes in panels.flat:
         for lines in cuts:
-            style.draw_cut(axes, lines, "kw")
+            style.draw_outlines(axes, lines, "kw")
         axes.set(xlabel=across[0], ylabel=up[0])
         axes.label_outer()
     return figure
@@ -350,6 +356,7 @@ def _obstacle_sections(dataset: Any, dims: tuple[str, ...], obstacles: Any) -> l
     values = [np.asarray(dataset[d].values, dtype=np.float64) for d in dims]
 
     def point(*indices: int) -> Floats:
+        """Return the coordinates x, y and z of a sample."""
         sample = dataset.isel(dict(zip(dims, indices, strict=True)))
         return np.array([float(sample[c]) for c in "xyz"])
 
@@ -370,6 +377,7 @@ def _as_image(values: NDArray[Any], fields: Comparison) -> NDArray[Any]:
 def _draw_phases(
     panels: Any, fields: Comparison, floor_db: float, across: Floats, up: Floats
 ) -> None:
+    """Draw the phases of complex fields; the opacity decreases with the level."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
@@ -387,6 +395,7 @@ def _draw_phases(
 
 
 def _draw_differences(panels: Any, fields: Comparison, across: Floats, up: Floats) -> None:
+    """Draw the level differences from the reference in dB; its own panel stays empty."""
     reference = fields.powers[fields.against]
     differences = [difference_db(power, reference) for power in fields.powers.values()]
     largest = max(float(np.nanmax(np.abs(values), initial=0.0)) for values in differences)

@@ -58,7 +58,7 @@ def draw_psf(
     """
     if floor_db is not None:
         check_floor(floor_db)
-    spots = _checked_lens(dataset, "psf", ("defocus", "y", "x"))
+    spots = _checked_variable(dataset, "psf", ("defocus", "y", "x"))
     peak = float(spots.max())
     count = spots.sizes["defocus"]
     figure = style.figure_on(figure, 2.4 + 2.6 * count, 3.5, title)
@@ -88,6 +88,7 @@ def _draw_image(
 
 
 def _scale_text(peak: str, floor_db: float | None) -> str:
+    """Return the label of a colour bar: dB relative to a peak, or a linear scale."""
     if floor_db is None:
         return f"fraction of {peak}"
     return f"dB relative to {peak}, {style.floor_text(floor_db)}"
@@ -185,7 +186,7 @@ def draw_mtf(dataset: Any, title: str = "", *, figure: Figure | SubFigure | None
     ArgumentError
         If ``dataset`` has another variable or other axes, or ``figure`` has another type.
     """
-    curves = _checked_lens(dataset, "mtf", ("defocus", "direction", "frequency"))
+    curves = _checked_variable(dataset, "mtf", ("defocus", "direction", "frequency"))
     figure = style.figure_on(figure, 6.4, 3.8, title)
     axes = figure.subplots()
     frequency = dataset["frequency"].values
@@ -207,7 +208,7 @@ def draw_mtf(dataset: Any, title: str = "", *, figure: Figure | SubFigure | None
         marked = values.reshape(-1, len(frequency)).T
         names = ["contrast reversed", *[None] * (marked.shape[1] - 1)]
         axes.plot(frequency, marked, color="0.5", lw=5, alpha=0.4, label=names)
-    style.finish_lines(
+    style.format_line_axes(
         axes, legend=9, xlim=(0.0, frequency.max()), ylim=(0.0, 1.05),
         xlabel="frequency (cycles/mm)", ylabel="modulation transfer function",
     )  # fmt: skip
@@ -215,12 +216,14 @@ def draw_mtf(dataset: Any, title: str = "", *, figure: Figure | SubFigure | None
 
 
 def _defocus_text(part: Any) -> str:
+    """Return the defocus of a part of a dataset, such as "2 waves of defocus"."""
     waves = float(part["defocus"])
     unit = "wave" if waves == 1.0 else "waves"
     return f"{waves:g} {unit} of defocus" if waves else "in focus"
 
 
-def _checked_lens(dataset: Any, name: str, dims: tuple[str, ...]) -> xarray.DataArray:
+def _checked_variable(dataset: Any, name: str, dims: tuple[str, ...]) -> xarray.DataArray:
+    """Return a variable of a dataset; raise ArgumentError if its axes are not ``dims``."""
     values = checked_dataset(dataset).get(name)
     if values is None or values.dims != dims or not all(dim in dataset.coords for dim in dims):
         raise ArgumentError(

@@ -39,6 +39,7 @@ _NAMES |= {name: obliquity.title for name, obliquity in OBLIQUITIES.items()}
 
 
 def check_floor(floor_db: float) -> float:
+    """Return a floor; raise ArgumentError unless it is from -300 dB to below 0 dB."""
     meaning = f"a level below 0 dB and at least {_LOWEST_DB:g} dB"
     return checked_number(floor_db, "floor_db", meaning, lambda level: _LOWEST_DB <= level < 0)
 
@@ -110,6 +111,7 @@ def dbm(power: ArrayLike, floor: float = _LOWEST_DB) -> NDArray[np.float64]:
 
 
 def checked_dataset(dataset: Any) -> xarray.Dataset:
+    """Return a dataset; raise ArgumentError for other types."""
     import xarray
 
     if not isinstance(dataset, xarray.Dataset):
@@ -141,6 +143,7 @@ def difference_db(values: ArrayLike, reference: ArrayLike) -> xarray.DataArray:
 
 
 def _is_compared(reference: xarray.DataArray) -> xarray.DataArray:
+    """Return a mask of the points at which the reference is not below -30 dB."""
     return (reference > 0) & (reference >= float(reference.max()) * 10 ** (COMPARED_DB / 10))
 
 
@@ -173,6 +176,7 @@ def even_axis(name: str, values: Floats) -> Floats:
 
 
 def peak_of(values: NDArray[Any], name: str) -> float:
+    """Return the largest value; raise ArgumentError unless it is finite and above zero."""
     peak = float(np.max(values))
     if not (peak > 0 and math.isfinite(peak)):
         raise ArgumentError(f"{name} must have values above zero, got a maximum of {peak:g}")
@@ -180,11 +184,13 @@ def peak_of(values: NDArray[Any], name: str) -> float:
 
 
 def printed_unit(array: Any) -> str:
+    """Return the unit of a DataArray for labels, such as "W/m²"."""
     unit = str(array.attrs.get("units", ""))
     return _PRINTED.get(unit, unit)
 
 
 def quantity_of(array: Any) -> str:
+    """Return the name of the quantity in a DataArray, by default "irradiance"."""
     return str(array.attrs.get("quantity", "irradiance"))
 
 

@@ -26,6 +26,10 @@ _MARGIN_DB = 5.0  # margin of level axes below the noise and above the peak [dB]
 # Degree of linear polarisation below which no angle is drawn, because the angle would be noise.
 _LEAST_LINEAR = 0.05
 _MARK = "#4dd2ff"  # colour of the marks for direct paths
+_LABEL: dict[str, Any] = {
+    "textcoords": "offset points", "ha": "center", "va": "center", "fontsize": 7,
+    "parse_math": False,
+}  # fmt: skip
 
 
 @style.typeset
@@ -251,7 +255,7 @@ def draw_range_profile(
     bins = f"{style.number_text(float(f'{width.max():.4g}'))} m"
     if width.max() > width.min() * (1 + 1e-6):
         bins = f"up to {bins}"
-    style.finish_lines(
+    style.format_line_axes(
         axes,
         legend=7 if has_noise or visible.any() else 0,
         xlim=(edges[0], edges[-1]),
@@ -331,10 +335,7 @@ def draw_arrivals(
     style.draw_circles(axes, above=False)
     labels = _mark_paths(axes, direct)
     for name, cosines in (names or {}).items():
-        label = axes.annotate(
-            name, cosines, (0, 0), textcoords="offset points", ha="center", va="center", color="w",
-            fontsize=7, parse_math=False, annotation_clip=True,
-        )  # fmt: skip
+        label = axes.annotate(name, cosines, (0, 0), color="w", annotation_clip=True, **_LABEL)
         label.set_path_effects([withStroke(linewidth=1.5, foreground="k")])
         labels.append(label)
     low, high = _view_limits(levels > floor_db, [arrival.direction_cosines for arrival in direct])
@@ -370,6 +371,7 @@ def _view_limits(
 
 
 def _mark_paths(axes: Any, direct: Sequence[DirectArrival]) -> list[Annotation]:
+    """Draw a circle and a label for each path, and return the labels."""
     if not isinstance(direct, Sequence) or not all(isinstance(d, DirectArrival) for d in direct):
         raise ArgumentError(
             f"expected direct to be a sequence of DirectArrival objects, got {value_text(direct)}"
@@ -378,12 +380,8 @@ def _mark_paths(axes: Any, direct: Sequence[DirectArrival]) -> list[Annotation]:
     for arrival in direct:
         axes.plot(*arrival.direction_cosines, "o", mfc="none", mec=_MARK, ms=7, mew=1.2)
         level = f"{dbm(arrival.power):.1f} dBm".replace("-", "−")
-        label = axes.annotate(
-            f"{arrival.name}\n{level}", arrival.direction_cosines, (0, 12),
-            textcoords="offset points",
-            color=_MARK, fontsize=7, parse_math=False, ha="center", va="center",
-        )  # fmt: skip
-        labels.append(label)
+        text, position = f"{arrival.name}\n{level}", arrival.direction_cosines
+        labels.append(axes.annotate(text, position, (0, 12), color=_MARK, **_LABEL))
     return labels
 
 
@@ -455,7 +453,7 @@ def draw_channel(
         for axes, values in ((left, response), (right, paths)):
             top = float(_decibels(np.abs(values).max(initial=0.0)))
             low = float(_decibels(values).min()) - _MARGIN_DB if axes is left else -math.inf
-            style.finish_lines(axes, ylim=(max(low, top + floor_db), top + _MARGIN_DB))
+            style.format_line_axes(axes, ylim=(max(low, top + floor_db), top + _MARGIN_DB))
     return drawn
 
 
@@ -467,6 +465,7 @@ def _decibels(amplitudes: Any) -> Floats:
 def _draw_response(
     axes: Axes, frequencies: Floats, h: Any, amplitudes: Any, delays: Floats, names: list[str]
 ) -> None:
+    """Draw the impulse response of a channel in dB over the delay, and mark its paths."""
     exists = np.isfinite(delays)
     steps = np.diff(frequencies)
     axes.set(xlabel="delay (ns)", ylabel="level (dB)")

@@ -147,11 +147,9 @@ def new_figure(
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    layout: Any = ConstrainedLayoutEngine(wspace=spacing, hspace=spacing)
+    layout: Any = ConstrainedLayoutEngine(wspace=spacing, hspace=spacing, compress=is_compressed)
     figure = Figure(figsize=(width, height), dpi=150, layout=layout)
     FigureCanvasAgg(figure)
-    if is_compressed:
-        figure.set_layout_engine("compressed")
     return figure
 
 
@@ -197,7 +195,7 @@ def axes_on(ax: Any, width: float, height: float) -> tuple[Axes, Axes | Figure]:
     return ax, ax
 
 
-def finish_lines(axes: Axes, *, legend: float = 0.0, **labels: Any) -> None:
+def format_line_axes(axes: Axes, *, legend: float = 0.0, **labels: Any) -> None:
     """Set labels and limits of axes, and add a grid; ``legend`` is the font size of a legend."""
     axes.set(**labels)
     axes.grid(alpha=0.3, lw=0.5)
@@ -223,6 +221,7 @@ def colour_bar(panels: Any, mappable: Any, label: str, extend: str = "neither") 
 
 
 def signed_bar(axes: Any, mappable: Any, label: str) -> None:
+    """Draw a colour bar for signed values on a logarithmic scale from -1 to 1."""
     set_ticks(colour_bar(axes, mappable, label).ax.yaxis, [-1, -0.1, -0.01, 0, 0.01, 0.1, 1])
 
 
@@ -233,12 +232,13 @@ def set_ticks(axis: Any, values: Any) -> None:
 
 
 def draw_polygons(axes: Axes, shape: Any, unit: LengthUnit, **options: Any) -> None:
+    """Draw the polygons of a shapely geometry, converted from metres to a unit."""
     rings = [ring for polygon in polygons_in(shape) for ring in rings_of_polygon(polygon)]
     if rings:
         draw_rings(axes, rings, unit.metres, **options)
 
 
-def draw_cut(axes: Any, lines: Any, inks: Sequence[str], zorder: float = 2) -> None:
+def draw_outlines(axes: Any, lines: Any, inks: Sequence[str], zorder: float = 2) -> None:
     """Draw lines of shape (line, point, 2 or 3) in two colours, visible on any background.
 
     The limits of the axes do not change.
@@ -330,10 +330,12 @@ def mark_evanescent(axes: Axes, wavelength: float, unit: LengthUnit, ink: str) -
 
 
 def is_spectral(name: str) -> bool:
+    """Return whether a coordinate such as "nu_x" is a spatial frequency."""
     return name.startswith(("nu", "upsilon"))
 
 
 def latex(name: str) -> str:
+    """Return the LaTeX code of a coordinate such as "nu_x"."""
     return f"\\{name}" if name.startswith(("xi", "nu", "upsilon")) else name
 
 
@@ -357,5 +359,6 @@ def length_axes(axes: Axes, symbol: str, unit: LengthUnit) -> None:
 
 
 def letter_panels(panels: Iterable[Axes]) -> None:
+    """Write (a), (b), ... above the panels."""
     for letter, axes in zip(ascii_lowercase, panels, strict=False):
         axes.set_title(f"({letter})", loc="left", fontweight="bold")

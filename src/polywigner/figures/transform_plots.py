@@ -20,7 +20,7 @@ from polywigner.geometry.arguments import (
     checked_vectors,
     checked_wavelength,
 )
-from polywigner.quantities import LengthUnit, length_unit
+from polywigner.quantities import LengthUnit, length_text, length_unit
 from polywigner.source.array import mutual_support
 from polywigner.transforms.wavefronts import flat_source
 
@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 LARGEST_SAMPLES = 4096
 """Largest number of samples along each axis. A complex array of this size takes 256 MiB."""
 
-# Half width of frequency axes if the wavelength is unknown [1/diameter]; they show five lobes of a
-# square.
+# Half width of the frequency axes [1/diameter] if the wavelength is unknown, wide enough for five
+# lobes of a square.
 _LOBES = 8.0
 
 Point = tuple[float, float]
@@ -112,8 +112,8 @@ def transform_slices(
     """
     checked_count(samples, "samples", 2, LARGEST_SAMPLES)
     aperture, support = outline_of(source), mutual_support(flat_source(source))
-    position = _default_position(support, aperture.centre) if x is None else _point(x)
-    lag = _default_lag(aperture) if xi is None else _point(xi)
+    position = _default_position(support, aperture.centre) if x is None else _checked_point(x)
+    lag = _default_lag(aperture) if xi is None else _checked_point(xi)
     if not pw.lag_slice(aperture, position).area > 0:
         bounds = ", ".join(f"{b:.4g}" for b in support.bounds)
         raise ArgumentError(
@@ -172,15 +172,18 @@ def samples_needed(aperture: pw.Aperture, wavelength: float | None) -> int:
 
 
 def _half_width(aperture: pw.Aperture, wavelength: float | None) -> float:
+    """Return the half width of the frequency axes in 1/m."""
     return _LOBES / aperture.diameter if wavelength is None else 1 / checked_wavelength(wavelength)
 
 
-def _point(value: ArrayLike) -> Point:
+def _checked_point(value: ArrayLike) -> Point:
+    """Return two coordinates as floats; raise ArgumentError for other values."""
     x, y = checked_vectors(value, "expected two coordinates", (2,)).ravel()
     return float(x), float(y)
 
 
 def _default_position(support: pw.Aperture, centre: NDArray[np.float64]) -> Point:
+    """Return the centre if it is inside a region, otherwise another point inside."""
     import shapely
 
     point, region = shapely.Point(centre), support.polygons
@@ -189,6 +192,7 @@ def _default_position(support: pw.Aperture, centre: NDArray[np.float64]) -> Poin
 
 
 def _default_lag(aperture: pw.Aperture) -> Point:
+    """Return a lag in m at which the aperture overlaps its shifted copy."""
     xmin, ymin, xmax, ymax = aperture.bounds
     width, height = xmax - xmin, ymax - ymin
     for lag in ((width / 4, 0.0), (0.0, height / 4), (width / 16, 0.0), (0.0, height / 16)):
@@ -253,6 +257,7 @@ def draw_transforms(
 
 
 def _draw_supports(axes: Axes, slices: TransformSlices, unit: LengthUnit) -> None:
+    """Draw the aperture, the region outside which W is zero, and a position slice."""
     array = isinstance(flat_source(slices.source), pw.Array)
     support, aperture = ("W is 0 outside", "elements") if array else ("automean", "aperture")
     overlap = pw.position_slice(slices.aperture, slices.xi)
@@ -270,6 +275,7 @@ def _draw_supports(axes: Axes, slices: TransformSlices, unit: LengthUnit) -> Non
 
 
 def _draw_lag_slice(axes: Axes, slices: TransformSlices, unit: LengthUnit) -> None:
+    """Draw the lag slice at a position, and the two scaled apertures that overlap there."""
     from shapely.affinity import affine_transform
 
     x, y = slices.x
@@ -288,6 +294,7 @@ def _draw_lag_slice(axes: Axes, slices: TransformSlices, unit: LengthUnit) -> No
 
 
 def _write_legend(axes: Axes, columns: int) -> None:
+    """Write a legend below the axes."""
     axes.legend(
         loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=columns, frameon=False,
         fontsize=7.5, handlelength=1.2, handletextpad=0.5, columnspacing=1.0,
@@ -295,6 +302,7 @@ def _write_legend(axes: Axes, columns: int) -> None:
 
 
 def _draw_power(axes: Axes, slices: TransformSlices, unit: LengthUnit, floor_db: float) -> None:
+    """Draw |F|^2 in dB over the spatial frequency."""
     power = np.abs(slices.fourier) ** 2
     uniform = isinstance(slices.source, pw.Aperture) and slices.source.illumination is None
     reference = slices.aperture.area**2 if uniform else float(power.max())
@@ -304,23 +312,25 @@ def _draw_power(axes: Axes, slices: TransformSlices, unit: LengthUnit, floor_db:
     label = f"dB relative to {zero}, {style.floor_text(floor_db)}"
     style.draw_levels(axes, levels, nu, nu, low=floor_db, label=label)
     axes.set_title("|F(ν)|²")
-    _frequency_axes(axes, "nu", unit, slices.wavelength, "white")
+    _finish_frequency_axes(axes, "nu", unit, slices.wavelength, "white")
 
 
 def _draw_real(
     axes: Axes, slices: TransformSlices, values: Any, unit: LengthUnit, name: str, symbol: str
 ) -> None:
+    """Draw signed values over the spatial frequency, relative to their peak."""
     peak = float(np.max(np.abs(values)))
     frequency = slices.frequency * unit.metres
     label = f"{name} / ({peak / unit.metres**2:.4g} {unit.name}²)"
     style.draw_signed(axes, values / peak, frequency, frequency, label=label)
     axes.set_title(name)
-    _frequency_axes(axes, symbol, unit, slices.wavelength, "0.35")
+    _finish_frequency_axes(axes, symbol, unit, slices.wavelength, "0.35")
 
 
-def _frequency_axes(
+def _finish_frequency_axes(
     axes: Axes, symbol: str, unit: LengthUnit, wavelength: float | None, ink: str
 ) -> None:
+    """Label axes of spatial frequencies, and draw the circle |nu| = 1/wavelength."""
     # A dotted circle far outside the axes would consist of millions of dots.
     if wavelength is not None and unit.metres / wavelength < 2 * max(axes.get_xlim()):
         style.mark_evanescent(axes, wavelength, unit, ink)
@@ -328,15 +338,16 @@ def _frequency_axes(
 
 
 def _point_text(point: Point, unit: LengthUnit) -> str:
+    """Return a point in m as text, such as "(1, 2) mm"."""
     first, second = (f"{value / unit.metres:.4g}" for value in point)
     return f"({first}, {second}) {unit.name}"
 
 
 def _heading(title: str, wavelength: float | None, note: str) -> str:
+    """Return a title with the wavelength and a note, or the title alone."""
     if wavelength is None:
         return title
-    unit = length_unit(wavelength)
-    text = f"λ = {wavelength / unit.metres:.4g} {unit.name}{note}"
+    text = f"λ = {length_text(wavelength)}{note}"
     return f"{title}; {text}" if title else text
 
 
@@ -405,7 +416,7 @@ def draw_projections(
         ``figure`` has another type.
     """
     check_floor(floor_db)
-    cells = _cells(dataset, layout)
+    cells = _tiles_of_layout(dataset, layout)
     axes_of_tiles = {d for _, *pair in cells.values() for d in pair}
     if min(dataset.sizes[name] for name in axes_of_tiles) < 2:
         raise ArgumentError("a figure requires at least two samples along each axis, got one")
@@ -431,7 +442,8 @@ Cells = dict[tuple[int, ...], tuple[str, str, str]]
 """Name, horizontal coordinate and vertical coordinate of the tile at each (row, column)."""
 
 
-def _cells(dataset: xarray.Dataset, layout: str) -> Cells:
+def _tiles_of_layout(dataset: xarray.Dataset, layout: str) -> Cells:
+    """Return the tiles of a layout; raise ArgumentError if a tile is missing."""
     names = list(checked_dataset(dataset).data_vars)
     if len(names) == 1 and not any("_" in d for d in dataset[names[0]].dims):
         # Slits have a single tile.
@@ -454,6 +466,7 @@ def _cells(dataset: xarray.Dataset, layout: str) -> Cells:
 def _draw_tile(
     axes: Axes, data: xarray.Dataset, cell: tuple[str, str, str], unit: LengthUnit, floor_db: float
 ) -> None:
+    """Draw the values of a tile with its title and colour bar."""
     name, across, up = cell
     tile = data[name]
     values = np.real(np.asarray(tile.values))
@@ -484,6 +497,7 @@ def _draw_tile(
 
 
 def _tile_title(kind: str, dims: tuple[str, ...], is_complex: bool) -> str:
+    """Return the formula of a tile: an integral over the coordinates that it lacks."""
     letter = _LETTERS[kind]
     integrated = [name for name in _COORDINATES[kind] if name not in dims]
     real = r"\mathrm{Re}\," if is_complex else ""

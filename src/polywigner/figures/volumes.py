@@ -154,9 +154,11 @@ def draw_volume(
         rings = outline_of(source).rings
         corners = [np.pad(np.asarray(ring) / unit.metres, ((0, 0), (0, 1))) for ring in rings]
         lines = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in corners]
-        style.draw_cut(axes, np.concatenate(lines), _INKS, 30)
+        style.draw_outlines(axes, np.concatenate(lines), _INKS, 30)
     for body in bodies_if_any(obstacles):
-        style.draw_cut(axes, obstacle_of(body).outline(_view_direction()) / unit.metres, _INKS, 30)
+        style.draw_outlines(
+            axes, obstacle_of(body).outline(_view_direction()) / unit.metres, _INKS, 30
+        )
     extend = "max" if np.max(volume.values) > zero else "neither"
     walls = ScalarMappable(Normalize(floor_db, 0.0), _colour_map(_WALL_COLOURS))
     bar = axes.figure.colorbar(walls, extend=extend, **bar_options)
@@ -191,6 +193,8 @@ def check_volume_options(
 
 
 class _Volume(NamedTuple):
+    """Samples of a quantity in a box."""
+
     label: str
     unit: str
     values: Floats  # shape (nx, ny, nz)
@@ -229,12 +233,14 @@ def _samples(dataset: Any, name: str | None) -> _Volume:
 
 
 def _view_direction() -> Floats:
+    """Return the unit vector that points from the box to the viewer."""
     elevation, azimuth = np.radians([_ELEVATION, _AZIMUTH])
     across = np.cos(elevation) * np.array([np.sin(azimuth), np.cos(azimuth)])
     return np.array([across[0], np.sin(elevation), across[1]])
 
 
 def _draw_box(axes: Any, lower: Floats, upper: Floats, unit: str) -> None:
+    """Set the view and the axes of a box, and draw the edges of its back walls."""
     from matplotlib.ticker import MaxNLocator
 
     # Matplotlib would sort artists by their mean depth.
@@ -263,6 +269,7 @@ def _draw_wall(
     axes: Any, volume: _Volume, axis: int, wall: Floats, floor_db: float,
     contours: tuple[float, ...], colours: Floats,
 ) -> None:  # fmt: skip
+    """Draw levels in dB on the back wall normal to an axis: filled contours and lines."""
     lower, upper = volume.lower, volume.upper
     position = (lower if _view_direction()[axis] > 0 else upper)[axis]
     shape = volume.values.shape
@@ -309,6 +316,7 @@ def _draw_surface(
 
 
 def _colour_map(colours: tuple[str, ...]) -> Colormap:
+    """Return a colour map that interpolates between colours."""
     from matplotlib.colors import LinearSegmentedColormap
 
     return LinearSegmentedColormap.from_list("polywigner", colours)

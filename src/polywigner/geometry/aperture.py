@@ -160,7 +160,10 @@ class Aperture(TakesWaves):
         IlluminationError
             If the field is defined on slits.
         """
-        return Aperture._of_parts(self._parts, checked_field(illumination, 2), self._segments)
+        new = Aperture._of(illumination=checked_field(illumination, 2))
+        # The rings are read-only already. Checking thousands of rings takes a millisecond.
+        new.__dict__.update(_parts=self._parts, _segments=self._segments)
+        return new
 
     def moved(self, shift: ArrayLike) -> Aperture:
         """Return the aperture and its field, translated.

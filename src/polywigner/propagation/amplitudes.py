@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TypedDict, Unpack
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,7 +36,7 @@ from polywigner.propagation.point_grids import (
     warn_of_missed,
 )
 from polywigner.propagation.pupil_fields import aberrated_fresnel_field, aberrated_spectrum
-from polywigner.propagation.screens import PointSource, Screen, field_of_screen, incident_of_point
+from polywigner.propagation.screens import PointSource, Screen, field_of_screen, spherical_field
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
 from polywigner.source.obliquities import CONDITIONS, DEFAULT, BoundaryCondition
@@ -231,15 +231,14 @@ def field_and_error(
     The error behind obstacles is estimated only if ``with_error`` is true.
     """
     check_no_drjit(source=source, points=points, wavelength=wavelength)
-    pupil = None
     if aberration is not None:
-        pupil = _checked_aberrated(source, method, through, obstacles, obliquity)
+        _check_aberrated(source, method, through, obstacles, obliquity)
     if through is not None and obstacles is None and not isinstance(source, PointSource):
         others: dict[str, object] = {"obliquity": obliquity}
         others["method"] = None if method in (DEFAULT, "fresnel") else method
         return field_behind(source, points, wavelength, through, tolerance, others, engine)
     if isinstance(source, PointSource) or obstacles is not None:
-        _check_rays(source, method, through, obliquity)
+        _check_options(source, method, through, obliquity)
     if isinstance(method, str) and method == "wigner":
         raise ArgumentError(
             f'expected method to be one of {", ".join(METHODS)}, got "wigner", whose rays have no '
@@ -256,9 +255,9 @@ def field_and_error(
     if obstacles is not None:
         limits = shadows.DEFAULT_TOLERANCE, shadows.LEAST_TOLERANCE
         allowed, tolerance = tolerance_from(tolerance, *limits, " with obstacles"), None
-    if pupil is not None and aberration is not None:
+    if aberration is not None:
         allowed = tolerance_from(tolerance)
-        field, errors = _aberrated_field(pupil, aberration, flat, length, name, allowed)
+        field, errors = _aberrated_field(source, aberration, flat, length, name, allowed)
     else:
         field, errors = _free_field(source, flat, length, name, obliquity, tolerance, engine)
     if obstacles is not None:
@@ -272,7 +271,8 @@ def field_and_error(
     return field.reshape(shape)[()], errors.reshape(shape)[()]
 
 
-def _check_rays(source: object, method: object, through: object, obliquity: object) -> None:
+def _check_options(source: object, method: object, through: object, obliquity: object) -> None:
+    """Raise ArgumentError for options that obstacles and point sources do not allow."""
     if through is not None or obliquity is not None or method not in CONDITIONS:
         raise ArgumentError(
             "the field of a PointSource, or behind obstacles, requires one of the methods "
@@ -286,9 +286,10 @@ def _check_rays(source: object, method: object, through: object, obliquity: obje
         )
 
 
-def _checked_aberrated(
+def _check_aberrated(
     source: object, method: object, through: object, obstacles: object, obliquity: object
-) -> Aperture | Array | Wavefront:
+) -> None:
+    """Raise ArgumentError if another argument cannot be combined with an aberration."""
     others = [value for value in (through, obstacles, obliquity) if value is not None]
     if (
         others
@@ -300,17 +301,17 @@ def _checked_aberrated(
             f'"fraunhofer", without through=, obstacles= and obliquity=; got method={method!r}. '
             "Omit the other options, or use polywigner.psf for a lens"
         )
-    return source
 
 
 def _aberrated_field(
-    source: Aperture | Array | Wavefront,
+    source: Any,
     aberration: Aberration,
     points: Floats,
     wavelength: float,
     method: str,
     tolerance: float,
 ) -> tuple[Complex, Floats]:
+    """Return the Fresnel or Fraunhofer field of an aberrated source at points, and its error."""
     if isinstance(source, Wavefront):
         checked_wavefront(source)
     checked_aberration(aberration, wavelength)
@@ -318,15 +319,15 @@ def _aberrated_field(
         return aberrated_fresnel_field(source, aberration, points, wavelength, tolerance)
     pupil = AberratedPupil.of(source, aberration, wavelength, 0.0)
     centre = radiator_of(flat_source(source)).centre
-    directions, distance, wave = _about(centre, points, wavelength)
+    directions, distance, wave = _seen_from(centre, points, wavelength)
     nu, cosine = directions[:, :2] / wavelength, np.maximum(directions[:, 2], 0.0)
     values, errors, _ = aberrated_spectrum(pupil, nu, tolerance, centre)
     scale = cosine / (distance * wavelength**2)
     return scale * values * wave / 1j, scale * errors
 
 
-def _about(centre: Floats, points: Floats, wavelength: float) -> tuple[Floats, Floats, Complex]:
-    """Return directions and distances [wavelengths] from a centre, and phase factors exp(ikr)."""
+def _seen_from(centre: Floats, points: Floats, wavelength: float) -> tuple[Floats, Floats, Complex]:
+    """Return directions, distances [wavelengths] and phase factors of points from a centre."""
     x, y = centre.tolist()
     ahead = point_in_wavelengths(_OPS, (x, y), wavelength, *points.T)
     doubled = distance_of(_OPS, ahead)
@@ -343,9 +344,10 @@ def _free_field(
     tolerance: float | None,
     engine: Engine,
 ) -> tuple[Complex, Floats]:
+    """Return the field without obstacles at points (n, 3), and its estimated error."""
     allowed = tolerance_from(tolerance)
     if isinstance(source, PointSource):
-        field = source.amplitude * incident_of_point(source.position, points, wavelength)
+        field = source.amplitude * spherical_field(source.position, points, wavelength)
         return field, np.zeros(len(points))
     if method == "fraunhofer" and not isinstance(source, Screen):
         return _fraunhofer(source, points, wavelength, obliquity, engine)
@@ -365,6 +367,7 @@ def _free_field(
 
 
 def _points_around(source: PointSource, points: ArrayLike) -> Floats:
+    """Return points (..., 3); raise ArgumentError if a point is the position of the source."""
     positions = checked_coordinates(
         points, "expected points to be real numbers of shape (..., 3)", 3
     )
@@ -383,11 +386,12 @@ def _fraunhofer(
     obliquity: BoundaryCondition | None,
     engine: Engine,
 ) -> tuple[Complex, Floats]:
+    """Return the Fraunhofer field (B7) at points (n, 3), and a bound on its rounding error."""
     kind = checked_method(DEFAULT if obliquity is None else obliquity, CONDITIONS)
     flat = flat_source(source)
     radiator = radiator_of(flat)
     check_slopes(source, kind)
-    directions, distance, wave = _about(radiator.centre, points, wavelength)
+    directions, distance, wave = _seen_from(radiator.centre, points, wavelength)
     centred = normal_form(flat).moved(-radiator.centre).public
     if isinstance(source, Wavefront):
         centred = source.on(centred, -radiator.centre)

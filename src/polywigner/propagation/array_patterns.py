@@ -154,10 +154,11 @@ def array_tolerance(
         "count": number,
         "peak_loss": float(directivities["nominal"][peak] - directivities["expected"][peak]),
     }
-    return described(source, angle_axes(polar, azimuth), directivities, about)
+    return described(source, angle_axes(theta=polar, phi=azimuth), directivities, about)
 
 
 def _checked_errors(**errors: float) -> dict[str, float]:
+    """Return the errors of array_tolerance; raise ArgumentError if one is out of range."""
     for name, (most, meaning) in _ERRORS.items():
         errors[name] = checked_number(errors[name], name, meaning)
         if not 0 <= errors[name] <= most:
@@ -170,8 +171,8 @@ def _checked_errors(**errors: float) -> dict[str, float]:
     return errors
 
 
-def _moments(errors: dict[str, float], wavelength: float) -> tuple[float, float]:
-    """Return |m|^2 and v of (RP4), the squared mean and the variance of the random factors."""
+def _mean_and_variance(errors: dict[str, float], wavelength: float) -> tuple[float, float]:
+    """Return the squared mean |m|^2 and the variance v of the random factors in (RP4)."""
     spread = (errors["amplitude"] / _NEPER) ** 2
     phase = errors["phase"] ** 2 + (2 * math.pi * errors["position"] / wavelength) ** 2
     alive = 1 - errors["dead"]
@@ -184,6 +185,11 @@ def _moments(errors: dict[str, float], wavelength: float) -> tuple[float, float]
 def _draw(
     errors: dict[str, float], shape: tuple[int, int], random: np.random.Generator
 ) -> tuple[Complex, Floats | None]:
+    """Draw random factors of an array's weights, and shifts of its elements in m.
+
+    ``shape``: numbers of elements and samples. Shifts (elements, samples, 3) are None without
+    errors of the position.
+    """
     logarithms = errors["amplitude"] / _NEPER * random.standard_normal(shape)
     phases = errors["phase"] * random.standard_normal(shape)
     alive = random.random(shape) >= errors["dead"]
@@ -202,7 +208,8 @@ def _statistics(
     factors: Complex,
     shifts: Floats | None,
 ) -> dict[str, Floats]:
-    square, variance = _moments(errors, wavelength)
+    """Return |E|^2 in directions (n, 3): nominal, expected, and mean and quantiles of samples."""
+    square, variance = _mean_and_variance(errors, wavelength)
     weighted = source.weights[:, None] * factors
     size = len(source) * (1 if shifts is None else factors.shape[1]) + factors.shape[1]
     rows = max(1, _BLOCK // size)
@@ -229,6 +236,7 @@ def _statistics(
 def _element_fields(
     source: Array, directions: Floats, wavelength: float, obliquity: str
 ) -> Complex:
+    """Return the far field of each element with a weight of 1, shape (directions, elements)."""
     if source.repeated is not None:
         element, positions = source.repeated
         cycles = directions[:, :2] @ positions.T / wavelength

@@ -186,11 +186,13 @@ class BeamMetrics:
 
 
 def _cut_rows(cut: CutMetrics) -> list[tuple[str, str]]:
+    """Return the rows of the printed table for one cut, as pairs of name and text."""
     name = "cut across it" if cut.kind == "across" else f"cut phi {_degrees(cut.phi)}"
     if cut.directivity == -math.inf:
         return [(name, "nothing is radiated")]
 
-    def listed(angles: tuple[float, float], levels: tuple[float, float] | None = None) -> str:
+    def listing(angles: tuple[float, float], levels: tuple[float, float] | None = None) -> str:
+        """Return angles in degrees as text, with levels if specified; omit NaN angles."""
         texts = [f"{math.degrees(angle):.1f}°" for angle in angles]
         if levels is not None:
             texts = [f"{level:.1f} dB at {t}" for level, t in zip(levels, texts, strict=True)]
@@ -198,10 +200,10 @@ def _cut_rows(cut: CutMetrics) -> list[tuple[str, str]]:
 
     width = cut.half_power_beamwidth
     width_text = "not in range" if math.isnan(width) else _degrees(width)
-    lobes = listed(cut.sidelobe_angles, cut.sidelobe_levels)
+    lobes = listing(cut.sidelobe_angles, cut.sidelobe_levels)
     rows = [
         (name, f"peak {cut.directivity:.2f} dBi, half-power width {width_text}"),
-        ("", f"first nulls {listed(cut.first_nulls) or 'not in range'}"),
+        ("", f"first nulls {listing(cut.first_nulls) or 'not in range'}"),
         ("", f"first sidelobes {lobes or 'not in range'}"),
     ]
     if not math.isnan(cut.peak_sidelobe_level):
@@ -300,6 +302,7 @@ def beam_metrics(
 def _warn_of_samples(
     cuts: tuple[CutMetrics, ...], lines: list[Cut], about: dict[str, float], has_circles: bool
 ) -> None:
+    """Warn if angles are coarse for the beamwidth, or if no cut passes through the beam."""
     best = max(cuts, key=lambda cut: cut.directivity)
     step = max(float(np.diff(line.angles).max()) for line in lines)
     if best.half_power_beamwidth < _LEAST_SAMPLES * step:
@@ -320,13 +323,13 @@ def _warn_of_samples(
 def cut_metrics(cut: Cut, beam: float) -> CutMetrics:
     """Return the metrics of a cut through a pattern whose beam has ``beam`` dBi."""
     angles, levels = cut.angles, np.maximum(cut.levels, _DARK)
-    peak = int(np.argmax(levels)) if cut.kind == "theta" else _top(levels, angles)
+    peak = int(np.argmax(levels)) if cut.kind == "theta" else _nearest_peak(levels, angles)
     angle, level = _vertex(angles, levels, peak)
     if level < beam - _NOTHING:
         return CutMetrics(
             cut.phi, angle, -math.inf, math.nan, _NAN_PAIR, _NAN_PAIR, kind=cut.kind
         )  # fmt: skip
-    low, high = (_side(angles, levels, peak, step, level) for step in (-1, 1))
+    low, high = (_flank(angles, levels, peak, step, level) for step in (-1, 1))
     strongest = max((low, high), key=lambda side: side.peak_level)
     return CutMetrics(
         phi=cut.phi,
@@ -344,7 +347,8 @@ def cut_metrics(cut: Cut, beam: float) -> CutMetrics:
     )
 
 
-def _top(levels: Floats, angles: Floats) -> int:
+def _nearest_peak(levels: Floats, angles: Floats) -> int:
+    """Return the index of the maximum that is reached uphill from the angle 0."""
     # The largest sample may lie in the back lobe.
     k = int(np.abs(angles).argmin())
     while True:
@@ -355,7 +359,9 @@ def _top(levels: Floats, angles: Floats) -> int:
         k = higher
 
 
-class _Side(NamedTuple):
+class _Flank(NamedTuple):
+    """One side of a cut through a main beam: angles in rad and levels in dBi."""
+
     half_power: float = math.nan
     null: float = math.nan
     level: float = math.nan
@@ -366,16 +372,21 @@ class _Side(NamedTuple):
     peak_angle: float = math.nan
 
 
-def _side(angles: Floats, levels: Floats, peak: int, step: int, level: float) -> _Side:
+def _flank(angles: Floats, levels: Floats, peak: int, step: int, level: float) -> _Flank:
+    """Return the half-power angle, null and sidelobes of a cut on one side of its peak.
+
+    ``peak`` and ``level``: index and level of the peak. ``step``: 1 for larger angles, -1 for
+    smaller angles.
+    """
     levels, angles = levels[peak::step], angles[peak::step]
     below = np.flatnonzero(levels < level - _HALF)
     if not below.size:
-        return _Side()
+        return _Flank()
     flank = int(below[0])  # Maxima above half power are ripples of the beam.
     half = _crossing(levels, angles, flank, level - _HALF)
     rising = np.flatnonzero(np.diff(levels[flank:]) > 0)
     if not rising.size:
-        return _Side(half)
+        return _Flank(half)
     null = flank + int(rising[0])
     # Near a null, |E|^2 is a parabola, but the level in dB is not.
     scale = levels[null - 1 : null + 2].max()
@@ -383,9 +394,9 @@ def _side(angles: Floats, levels: Floats, peak: int, step: int, level: float) ->
     peak_angle, peak_level = _vertex(angles, levels, null + int(levels[null:].argmax()))
     falling = np.flatnonzero(np.diff(levels[null:]) < 0)
     if not falling.size:
-        return _Side(half, null_angle, peak_level=peak_level, peak_angle=peak_angle)
+        return _Flank(half, null_angle, peak_level=peak_level, peak_angle=peak_angle)
     lobe_angle, lobe = _vertex(angles, levels, null + int(falling[0]))
-    return _Side(half, null_angle, lobe, lobe_angle, peak_level, peak_angle)
+    return _Flank(half, null_angle, lobe, lobe_angle, peak_level, peak_angle)
 
 
 def _vertex(angles: Floats, levels: Floats, peak: int) -> tuple[float, float]:
@@ -402,6 +413,7 @@ def _vertex(angles: Floats, levels: Floats, peak: int) -> tuple[float, float]:
 
 
 def _crossing(levels: Floats, angles: Floats, k: int, level: float) -> float:
+    """Return the angle between samples k - 1 and k at which the falling curve reaches ``level``."""
     x, y = (values[max(0, k - 2) :][:3] for values in (angles, levels))
     ends = angles[k - 1 : k + 1]
     if len(x) == 3 and y[0] > y[1] > y[2]:
@@ -420,8 +432,10 @@ def checked_efficiency(value: Any) -> float:
 
 
 def _degrees(angle: float) -> str:
+    """Return an angle in rad as a text in degrees."""
     return f"{math.degrees(angle):.2f}°"
 
 
 def _direction(theta: float, phi: float) -> str:
+    """Return a direction with angles in rad as a text in degrees."""
     return f"theta {_degrees(theta)}, phi {_degrees(phi)}"

@@ -37,6 +37,8 @@ _OPS = NumpyOperations()
 
 @dataclass(frozen=True)
 class _Element:
+    """Copies of an outline with a field that is a sum of m plane waves."""
+
     outline: Aperture
     amplitudes: Complex
     """Shape (m,)."""
@@ -65,6 +67,7 @@ class Radiator:
 
     @property
     def centre(self) -> Floats:
+        """Centre of the bounding box in m, shape (2,)."""
         return self.low / 2 + self.high / 2
 
     @property
@@ -123,7 +126,7 @@ def radiator_of(source: object) -> Radiator:
 # Direction cosine p_z below which rounding errors are not estimated.
 _GRAZING = 1e-6
 # Cycles of phase over half a panel that the largest Gauss rule resolves.
-_TURNS = 48.0
+_MOST_CYCLES = 48.0
 
 
 class _Panels(NamedTuple):
@@ -144,23 +147,24 @@ def panels_of(
     longest: float,
     count: int,
     paraxial: bool,
-    is_wanted: Callable[[Complex], NDArray[np.bool_]] | None = None,
+    steep: bool | None = None,
 ) -> Iterator[_Panels]:
     """Yield blocks of about ``count`` panels, each at most ``longest`` wavelengths long.
 
-    ``is_wanted`` selects plane waves by the direction cosine p_z.
+    ``steep`` selects plane waves within 60 degrees of the normal (True) or other plane waves
+    (False). By default all plane waves are included.
     """
     for element in radiator.elements:
         plane = element.frequencies * wavelength
         cosines = cosines_of(element.frequencies, wavelength, paraxial)
-        errors = _rounding_of(element.frequencies, wavelength, plane, cosines, paraxial)
-        reach = np.full(len(plane), longest)
+        errors = _cosine_errors(element.frequencies, wavelength, plane, cosines, paraxial)
+        piece = np.full(len(plane), longest)
         if math.isfinite(longest):
-            reach = np.minimum(longest, _TURNS / (1.0 + np.linalg.norm(plane, axis=1)))
-        wanted = np.full(len(plane), True) if is_wanted is None else is_wanted(cosines)
-        for wave in np.flatnonzero(wanted):
+            piece = np.minimum(longest, _MOST_CYCLES / (1.0 + np.linalg.norm(plane, axis=1)))
+        is_steep = cosines.real >= _STEEP_COSINE
+        for wave in range(len(plane)) if steep is None else np.flatnonzero(is_steep == steep):
             amplitude = element.amplitudes[wave]
-            begin, along, length = _divided_edges(element.outline, wavelength * reach[wave])
+            begin, along, length = _divided_edges(element.outline, wavelength * piece[wave])
             kappa = tuple(element.frequencies[wave])
             cycles = phases.reduced(_OPS, phases.dot(_OPS, kappa, (begin[:, 0], begin[:, 1])))
             step = max(1, count // len(length))
@@ -190,9 +194,10 @@ def cosines_of(frequencies: Floats, wavelength: float, paraxial: bool) -> Comple
     return (1 - ((frequencies * wavelength) ** 2).sum(axis=1) / 2).astype(np.complex128)
 
 
-def _rounding_of(
+def _cosine_errors(
     frequencies: Floats, wavelength: float, plane: Floats, cosines: Complex, paraxial: bool
 ) -> Floats:
+    """Return the rounding errors of the direction cosines of m plane waves, shape (m, 3)."""
     x, y = plane.T
     rest = np.stack([phases.dot(_OPS, (kappa,), (wavelength,))[1] for kappa in frequencies.T])
     lost = -2 * (x * rest[0] + y * rest[1])
@@ -255,7 +260,7 @@ def boundary_field(
     smaller.
     """
     if method != "fresnel":
-        return _summed(radiator, points, wavelength, method, tolerance, engine)
+        return _by_edge_sums(radiator, points, wavelength, method, tolerance, engine)
     spread = wavelength * points[:, 2]
     estimate = parabolic_field(radiator, points[:, :2], spread, tolerance, engine)
     x, y = radiator.centre.tolist()
@@ -280,10 +285,10 @@ def parabolic_field(
     # The kernel's unit of length is the source size instead of the wavelength.
     size = float((radiator.high - radiator.low).max())
     scaled = np.column_stack([points, spread / size])
-    return _summed(radiator, scaled, size, "fresnel", tolerance, engine)
+    return _by_edge_sums(radiator, scaled, size, "fresnel", tolerance, engine)
 
 
-def _summed(
+def _by_edge_sums(
     radiator: Radiator,
     points: Floats,
     wavelength: float,
@@ -291,9 +296,10 @@ def _summed(
     tolerance: float,
     engine: str,
 ) -> FieldEstimate:
+    """Compute the field at points by steepest descent, or by panels if that is inaccurate."""
     paraxial = method == "fresnel"
     # Weight of the second boundary term of (B3), which is absent in Fresnel fields.
-    share = OBLIQUITIES[method].field if method in OBLIQUITIES else 0.0
+    second_term = OBLIQUITIES[method].field if method in OBLIQUITIES else 0.0
     cycles, most = radiator.perimeter / wavelength, _MOST_PANELS * _STRATA[-1][1]
     if not (paraxial or cycles <= most):
         raise ArgumentError(
@@ -302,14 +308,15 @@ def _summed(
         )
     edges = _TERMS * sum(element.edges for element in radiator.elements)
     chosen = resolved(engine, len(points), edges)
-    edge_sums = partial(_edge_sums, radiator, wavelength, share, paraxial, chosen)
+    edge_sums = partial(_edge_sums, radiator, wavelength, second_term, paraxial, chosen)
     # The bound includes the static field, which dominates within a wavelength of the source.
     distance = points[:, 2] if paraxial else radiator.distance_of_centre(points)
-    bound = radiator.content / distance * (1 / wavelength + share / (2 * math.pi * distance))
+    bound = radiator.content / distance * (1 / wavelength + second_term / (2 * math.pi * distance))
     allowed = tolerance * np.minimum(radiator.amplitude, bound)
     values, errors = np.zeros(len(points), np.complex128), np.full(len(points), np.inf)
 
     def improve(some: Indices, field: Callable[..., tuple[Complex, Floats]], rounds: int) -> None:
+        """Recompute ``some`` points, with more digits in each round, while errors are too large."""
         digits = math.log(1 / tolerance) + _MARGIN
         for _ in range(rounds):
             if not len(some):
@@ -321,10 +328,11 @@ def _summed(
             digits *= _HARDER
 
     def by_steepest_descent(points: Floats, digits: float) -> tuple[Complex, Floats]:
+        """Return the field at points and its error; grazing and evanescent waves use panels."""
         if paraxial:
             return edge_sums(points, digits, steepest_edge_sum, math.inf)
-        steep = edge_sums(points, digits, steepest_edge_sum, math.inf, _is_steep)
-        shallow = edge_sums(points, digits, integrals.edge_sum, _STRATA[-1][1], _is_shallow)
+        steep = edge_sums(points, digits, steepest_edge_sum, math.inf, True)
+        shallow = edge_sums(points, digits, integrals.edge_sum, _STRATA[-1][1], False)
         return steep[0] + shallow[0], steep[1] + shallow[1]
 
     if paraxial:
@@ -339,39 +347,31 @@ def _summed(
     return values, errors, allowed
 
 
-def _is_steep(cosines: Complex) -> NDArray[np.bool_]:
-    return cosines.real >= _STEEP_COSINE
-
-
-def _is_shallow(cosines: Complex) -> NDArray[np.bool_]:
-    return ~_is_steep(cosines)
-
-
 def _edge_sums(
     radiator: Radiator,
     wavelength: float,
-    share: float,
+    second_term: float,
     paraxial: bool,
     engine: str,
     points: Floats,
     digits: float,
     edge_sum: Callable[..., integrals.Values],
     longest: float,
-    is_wanted: Callable[[Complex], NDArray[np.bool_]] | None = None,
+    steep: bool | None = None,
 ) -> tuple[Complex, Floats]:
     """Return the field at points as a sum over panels, and its error of about exp(-digits)."""
     kernel = Kernel(
         name=f"boundary integral, {edge_sum.__name__}",
         dimension=3,
-        tables=lambda panels, double: _tables(
-            panels, radiator, wavelength, double, share, paraxial
+        tables=lambda panels, double: _kernel_tables(
+            panels, radiator, wavelength, double, second_term, paraxial
         ),
         enter=integrals.enter,
         edge_sum=edge_sum,
         leave=integrals.leave_phase if paraxial else integrals.leave,
     )
     field, error = np.zeros(len(points), np.complex128), np.zeros(len(points))
-    for panels in panels_of(radiator, wavelength, longest, _ROWS, paraxial, is_wanted):
+    for panels in panels_of(radiator, wavelength, longest, _ROWS, paraxial, steep):
         step = max(_FEWEST_POINTS, _MOST_PAIRS // len(panels.rows))
         blocks = [slice(low, low + step) for low in range(0, len(points), step)]
         with with_progress("points", blocks) as remaining:
@@ -409,22 +409,26 @@ def panels_in(radiator: Radiator, wavelength: float, longest: float) -> float:
 
 
 def boundary_tables(
-    radiator: Radiator, wavelength: float, longest: float, double: bool, share: float
+    radiator: Radiator, wavelength: float, longest: float, double: bool, second_term: float
 ) -> integrals.BoundaryTables:
-    """Return all panels of a source as kernel tables, with ``share`` as in `BoundaryTables`."""
+    """Return all panels of a source as kernel tables.
+
+    ``second_term``: weight of the second boundary term of (B3).
+    """
     blocks = panels_of(radiator, wavelength, longest, _ROWS, False)
     panels = _Panels(*(np.concatenate(parts) for parts in zip(*blocks, strict=True)))
-    return _tables(panels, radiator, wavelength, double, share, False)
+    return _kernel_tables(panels, radiator, wavelength, double, second_term, False)
 
 
-def _tables(
+def _kernel_tables(
     panels: _Panels,
     radiator: Radiator,
     wavelength: float,
     double: bool,
-    share: float,
+    second_term: float,
     paraxial: bool,
 ) -> integrals.BoundaryTables:
+    """Return panels as tables of the kernel, with direction cosines as sums of two floats."""
     rows, amplitudes = panels.rows, panels.amplitudes / (2 * math.pi)
     cosines, errors = rows[:, 5:8], rows[:, 8:11]
     high = cosines if double else cosines.astype(np.float32).astype(np.float64)
@@ -434,4 +438,4 @@ def _tables(
     edges = tuple(map(tuple, columns.tolist()))
     x, y = radiator.centre.tolist()
     frame = integrals.BoundaryFrame((x, y), wavelength, double, paraxial)
-    return integrals.BoundaryTables(frame, edges, gauss_rules(), share)
+    return integrals.BoundaryTables(frame, edges, gauss_rules(), second_term)

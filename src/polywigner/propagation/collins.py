@@ -71,11 +71,11 @@ def collins_field(
     in phase, and the field of geometrical optics.
     """
     radiator = radiator_of(source)
-    if _without_spread(system).all():
-        values, scale = _image(partial(_field_at, source), points, wavelength, system)
+    if _zero_scales(system).all():
+        values, scale = _image(partial(_source_field, source), points, wavelength, system)
         errors = np.full(len(points), scale * _CLOSED * radiator.amplitude)
         return values, errors, np.full(len(points), math.inf)
-    bend, slopes, out = _waves_of(system, points, wavelength)
+    bend, slopes, out = _coefficients(system, points, wavelength)
     if not (abs(system.A) > system.rounding[:2, :2]).any():
         values = np.asarray(fourier(source, slopes / wavelength, engine=engine))
         errors = np.full(len(points), _CLOSED * radiator.content)
@@ -99,29 +99,35 @@ def collins_field(
     return out * values, size * errors, size * allowed
 
 
-def _without_spread(system: FirstOrder) -> NDArray[np.bool_]:
-    """Return whether each singular value of B, in descending order, is zero."""
+def _zero_scales(system: FirstOrder) -> NDArray[np.bool_]:
+    """Return whether the singular values of the matrix B are zero; in an image, all are zero."""
     scale = np.linalg.svd(system.B, compute_uv=False)
     return np.asarray(scale <= np.linalg.norm(system.rounding[:2, 2:]))
 
 
-def _waves_of(
+def _coefficients(
     system: FirstOrder, points: Floats, wavelength: float
 ) -> tuple[Floats, Floats, Complex]:
-    """Return M, q (n, 2) and c (n,) of c int u(x) exp(i pi/wavelength x.(M x - 2 q)) dx (O4)."""
+    """Return the coefficients M, q (n, 2) and c (n,) of Collins' integral (O4) at points (n, 2).
+
+    The integral is ``c int u(x) exp(i pi/wavelength x.(M x - 2 q)) dx``.
+    """
     inverse = np.linalg.inv(system.B)
-    front = _front(system.B) / (wavelength * math.sqrt(abs(np.linalg.det(system.B))))
-    out = waves_of_cycles(_cycles(system.D @ inverse, points, wavelength)) * front
+    front = _root_phase(system.B) / (wavelength * math.sqrt(abs(np.linalg.det(system.B))))
+    out = waves_of_cycles(_quadratic(system.D @ inverse, points, wavelength)) * front
     return inverse @ system.A, points @ inverse.T, out
 
 
-def _cycles(form: Floats, points: Floats, wavelength: float) -> Floats:
+def _quadratic(form: Floats, points: Floats, wavelength: float) -> Floats:
     """Return the phase ``y.(form y)/(2 wavelength)`` of points y (n, 2), in cycles."""
     return np.asarray(0.5 * ((points @ form.T) * points).sum(axis=1) / wavelength)
 
 
-def _front(matrix: Floats) -> complex:
-    """Return the phase factor of (O4): 1/sqrt(±i) for each positive or negative eigenvalue."""
+def _root_phase(matrix: Floats) -> complex:
+    """Return the phase factor of Collins' integral (O4) for a matrix B.
+
+    The factor is the product of 1/sqrt(±i) over the positive and negative eigenvalues.
+    """
     if np.linalg.det(matrix) < 0:
         return 1.0
     return -1j if np.trace(matrix) >= 0 else 1j
@@ -130,6 +136,7 @@ def _front(matrix: Floats) -> complex:
 def _rounding(
     radiator: Radiator, curvature: Floats, axes: Floats, slopes: Floats, wavelength: float
 ) -> Floats:
+    """Return rounding errors (n,) of `chirp_transform` at the frequencies slopes/wavelength."""
     largest = float(abs(curvature).max())
     size = float(np.linalg.norm(radiator.high - radiator.low))
     along = radiator.amplitude * radiator.perimeter * min(math.sqrt(wavelength / largest), size)
@@ -171,12 +178,13 @@ def _image(
 ) -> tuple[Complex, float]:
     """Return the image of a field behind a system with B = 0, and its amplitude scale."""
     inverse, scale = np.linalg.inv(system.A), 1 / math.sqrt(abs(np.linalg.det(system.A)))
-    front = 1j * _front(system.A) if np.linalg.det(system.A) > 0 else -1j
-    waves = waves_of_cycles(_cycles(system.C @ inverse, points, wavelength))
+    front = 1j * _root_phase(system.A) if np.linalg.det(system.A) > 0 else -1j
+    waves = waves_of_cycles(_quadratic(system.C @ inverse, points, wavelength))
     return field(points @ inverse.T) * waves * (front * scale), scale
 
 
-def _field_at(source: Any, x: Floats) -> NDArray[np.complex128]:
+def _source_field(source: Any, x: Floats) -> NDArray[np.complex128]:
+    """Return the field u of a source at positions (n, 2) in its plane."""
     total = np.zeros(len(x), np.complex128)
     for element in normal_form(source).in_plane.elements:
         inside = autocorrelation(element.outline, x, (0.0, 0.0), engine="numpy")
@@ -185,6 +193,7 @@ def _field_at(source: Any, x: Floats) -> NDArray[np.complex128]:
 
 
 def _element_field(element: SourceElement, x: Floats) -> Complex:
+    """Return the field of an element at positions (n, 2), not cut off at its outline."""
     waves = np.exp(2j * np.pi * (x @ element.frequencies.T))
     return np.asarray(element.weight * (waves @ element.amplitudes))
 
@@ -219,8 +228,8 @@ def field_behind(
     if isinstance(source, Wavefront):
         source, lens, phase = as_lens(source, length)
         systems[0] = systems[0] @ lens
-    planes, systems = _folded([source, *stops], systems)
-    field, error, bounds = _behind(
+    planes, systems = _clipped_planes([source, *stops], systems)
+    field, error, bounds = _behind_stops(
         planes, systems, positions.reshape(-1, 2), length, allowed, engine
     )
     warn_of_missed(error, bounds, "points")
@@ -229,6 +238,7 @@ def field_behind(
 
 
 def checked_points_behind(points: Any) -> Floats:
+    """Return points (..., 2) in m behind a system; raise ArgumentError for other values."""
     expected = (
         "with through=, expected points to be real numbers of shape (..., 2), since the system "
         "determines z"
@@ -255,7 +265,7 @@ def systems_and_stops(through: object) -> tuple[list[FirstOrder], list[PublicSou
     return systems, stops
 
 
-def _folded(
+def _clipped_planes(
     planes: list[PublicSource], systems: list[FirstOrder]
 ) -> tuple[list[PublicSource], list[FirstOrder]]:
     """Replace stops in an image plane by clipped sources.
@@ -264,7 +274,7 @@ def _folded(
     """
     remaining, paths = planes[:1], systems[:1]
     for stop, system in zip(planes[1:], systems[1:], strict=True):
-        image = _without_spread(paths[-1])
+        image = _zero_scales(paths[-1])
         if not image.any():
             remaining.append(stop)
             paths.append(system)
@@ -276,9 +286,9 @@ def _folded(
             )
         back = np.linalg.inv(paths[-1].A)
         outline = Aperture(shapely.transform(stop.polygons, lambda x, m=back: x @ m.T))
-        remaining[-1] = _cut(remaining[-1], outline)
+        remaining[-1] = _clipped(remaining[-1], outline)
         paths[-1] = system @ paths[-1]
-    image = _without_spread(paths[-1])
+    image = _zero_scales(paths[-1])
     if image.any() and not image.all():
         raise ArgumentError(
             "the points lie in an image of the source or of a stop that is sharp along one axis "
@@ -287,7 +297,8 @@ def _folded(
     return remaining, paths
 
 
-def _cut(plane: PublicSource, outline: Aperture) -> PublicSource:
+def _clipped(plane: PublicSource, outline: Aperture) -> PublicSource:
+    """Return the part of a source inside an outline; raise ArgumentError if there is none."""
     elements = normal_form(plane).in_plane.elements
     parts = [
         (e.shape & outline, e.weight)
@@ -304,7 +315,7 @@ def _cut(plane: PublicSource, outline: Aperture) -> PublicSource:
     return parts[0][0]
 
 
-def _behind(
+def _behind_stops(
     planes: list[PublicSource],
     systems: list[FirstOrder],
     points: Floats,
@@ -318,32 +329,33 @@ def _behind(
     if not others:
         return collins_field(stop, points, wavelength, system, tolerance, engine)
 
-    def inner(nodes: Floats) -> FieldEstimate:
+    def on_stop(nodes: Floats) -> FieldEstimate:
+        """Return the incident field at nodes (m, 2) on the last stop, with its errors."""
         # Errors at the nodes of the stop may add up in phase.
         finer = max(0.1 * tolerance, _FINEST)
-        return _behind(others, earlier_systems, nodes, wavelength, finer, engine)
+        return _behind_stops(others, earlier_systems, nodes, wavelength, finer, engine)
 
-    if _without_spread(system).all():
-        _, *bounds = inner(points @ np.linalg.inv(system.A).T)
+    if _zero_scales(system).all():
+        _, *bounds = on_stop(points @ np.linalg.inv(system.A).T)
         image, scale = _image(
-            lambda x: inner(x)[0] * _field_at(stop, x), points, wavelength, system
+            lambda x: on_stop(x)[0] * _source_field(stop, x), points, wavelength, system
         )
         return image, bounds[0] * scale, bounds[1] * scale
-    bend, slopes, out = _waves_of(system, points, wavelength)
-    rate = _rate(radiator_of(stop), others[-1], earlier_systems[-1], bend, slopes, wavelength)
+    bend, slopes, out = _coefficients(system, points, wavelength)
+    rate = _stop_rate(radiator_of(stop), others[-1], earlier_systems[-1], bend, slopes, wavelength)
     sums, lattice = [], FrequencyLattice(slopes / wavelength)
     for extra in _EXTRA:
-        nodes, weights = _rule(stop, rate, extra, lattice)
-        there, error, _ = inner(nodes)
-        waves = weights * there * waves_of_cycles(_cycles(bend, nodes, wavelength))
-        sums.append(lattice.summed(nodes, waves))
+        nodes, weights = _stop_rule(stop, rate, extra, lattice)
+        there, error, _ = on_stop(nodes)
+        waves = weights * there * waves_of_cycles(_quadratic(bend, nodes, wavelength))
+        sums.append(lattice.fourier_sum(nodes, waves))
     size, areas = np.abs(out), np.abs(weights)
     off: Floats = np.abs(sums[1] - sums[0]) + areas @ error + _CLOSED * np.abs(sums[1])
     bound = float(areas.sum() * abs(there).max())
     return out * sums[1], size * off, size * (tolerance * bound)
 
 
-def _rate(
+def _stop_rate(
     stop: Radiator,
     previous: PublicSource,
     path: FirstOrder,
@@ -362,9 +374,10 @@ def _rate(
     return steepest / wavelength + stop.highest_frequency
 
 
-def _rule(
+def _stop_rule(
     stop: Any, rate: float, extra: float, lattice: FrequencyLattice
 ) -> tuple[Floats, Complex]:
+    """Return nodes (m, 2) on a stop, and quadrature weights times its transmission."""
     elements = normal_form(stop).in_plane.elements
     triangles = [corners[t] for corners, t in (triangulate(e.shape) for e in elements)]
     work = sum(node_count(part, rate, extra) for part in triangles) * lattice.work
@@ -386,6 +399,7 @@ class FrequencyLattice:
     """
 
     def __init__(self, nu: Floats) -> None:
+        """Prepare sums for the frequencies nu (n, 2)."""
         axes = [np.unique(nu[:, k], return_inverse=True) for k in (0, 1)]
         self.axes = [values for values, _ in axes]
         self.index: tuple[NDArray[np.intp], ...] | None = tuple(index for _, index in axes)
@@ -395,7 +409,7 @@ class FrequencyLattice:
         self.work = _NODE_COST + sum(map(len, self.axes)) + size / _PRODUCTS
         """Cost of a node, in units of a complex exponential."""
 
-    def summed(self, nodes: Floats, waves: Complex) -> Complex:
+    def fourier_sum(self, nodes: Floats, waves: Complex) -> Complex:
         """Return ``sum_k waves_k exp(-2 pi i nu.x_k)`` over nodes x_k for all frequencies nu."""
         total: Any = 0.0
         rows = max(1, _BLOCK // max(1, sum(map(len, self.axes))))

@@ -53,6 +53,7 @@ class Sheet:
         return np.asarray(across / np.linalg.norm(across))
 
     def heights(self, positions: Floats) -> Floats:
+        """Return the heights (n,) of positions (n, 3) above the plane."""
         return np.asarray(positions @ self.plane[:3] + self.plane[3])
 
     def silhouettes(self, bodies: Obstacles, sources: Floats) -> list[Silhouette]:
@@ -123,7 +124,7 @@ def change_by_sheet(
     raised = np.where(on_plate | (edge == "soft"), least, 0.0)
     both = sheet.with_images(positions, origins.mean(axis=0), raised)
     seen = sheet.silhouettes(bodies, origins)
-    changes, waves, error = _clear_of(
+    changes, waves, error = _averaged(
         partial(compute, seen), both, _close_to(origins, both), _STEP * sheet.direction
     )
     (here, mirrored), wave = np.split(changes, 2), waves[:count]
@@ -137,6 +138,7 @@ def change_by_sheet(
 
 
 def check_source(bodies: Obstacles, origins: Floats) -> None:
+    """Raise ArgumentError if a point of the source lies on a plate."""
     least = ON * float(np.abs(bodies.vertices).max())
     if min(float(body.distance(origins).min()) for body in bodies.bodies) <= least:
         raise ArgumentError(
@@ -146,6 +148,7 @@ def check_source(bodies: Obstacles, origins: Floats) -> None:
 
 
 def _close_to(origins: Floats, positions: Floats) -> NDArray[np.bool_]:
+    """Return a mask of positions (n, 3) within 1e-4 wavelengths of a point in ``origins``."""
     close = np.zeros(len(positions), bool)
     low, high = origins.min(axis=0) - _CLOSE, origins.max(axis=0) + _CLOSE
     rows = np.flatnonzero(((positions > low) & (positions < high)).all(axis=1))
@@ -154,7 +157,7 @@ def _close_to(origins: Floats, positions: Floats) -> NDArray[np.bool_]:
     return close
 
 
-def _clear_of(
+def _averaged(
     compute: Callable[[Floats], Fields], positions: Floats, close: NDArray[np.bool_], step: Floats
 ) -> Fields:
     """Return the results of ``compute``, averaged over neighbours of ``close`` positions."""
@@ -177,6 +180,7 @@ def mean_of_neighbours(
 
 
 def check_edge(edge: object, obstacles: object) -> None:
+    """Raise ArgumentError for an unknown boundary condition, or a condition without obstacles."""
     checked_choice(edge, "edge", EDGES)
     if obstacles is None and edge != "black":
         raise ArgumentError(

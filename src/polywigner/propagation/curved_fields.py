@@ -41,7 +41,7 @@ def curved_field(
     """Return the field of a curved wave at points (n, 3), and a bound on its rounding errors."""
     if method == "fresnel":
         return _fresnel(wave, points, wavelength)
-    return summed_over_cells(wave, points, wavelength, partial(_terms, wave, method=method))
+    return summed_over_cells(wave, points, wavelength, partial(_integrand, wave, method=method))
 
 
 def _fresnel(wave: Wavefront, points: Floats, wavelength: float) -> tuple[Complex, Floats]:
@@ -57,7 +57,9 @@ def _fresnel(wave: Wavefront, points: Floats, wavelength: float) -> tuple[Comple
     return values, _ROUNDING * scale * radiator_of(wave.source).content
 
 
-class _Part(NamedTuple):
+class _Element(NamedTuple):
+    """An element of a curved source, divided into triangles, with m plane waves."""
+
     triangles: Floats
     """In m, shape (n, 3, 2)."""
     shift: Floats
@@ -72,7 +74,7 @@ def summed_over_cells(
     wave: Wavefront,
     points: Floats,
     wavelength: float,
-    terms: Callable[[_Part, Floats, Floats, float], Complex],
+    terms: Callable[[_Element, Floats, Floats, float], Complex],
     components: tuple[int, ...] = (),
 ) -> tuple[Complex, Floats]:
     """Return an integral over a curved source for n points, and bounds on its rounding errors.
@@ -84,8 +86,8 @@ def summed_over_cells(
     with with_progress("points", range(0, len(points), _POINTS)) as starts:
         for start in starts:
             block = points[start : start + _POINTS]
-            for part in _parts(wave):
-                for owners, cells in _cells(wave, part, block, wavelength):
+            for part in _elements(wave):
+                for owners, cells in _point_cells(wave, part, block, wavelength):
                     integrand = terms(part, cells, block[owners], wavelength)
                     moduli = np.abs(integrand).reshape(len(cells), -1).sum(axis=1)
                     np.add.at(values, owners + start, integrand.sum(axis=1))
@@ -93,17 +95,18 @@ def summed_over_cells(
     return values, _ROUNDING * sizes
 
 
-def _parts(wave: Wavefront) -> Iterator[_Part]:
+def _elements(wave: Wavefront) -> Iterator[_Element]:
+    """Yield each element of a curved source."""
     for element in radiator_of(wave.source).elements:
         corners, numbers = triangulate(element.outline)
         for shift, weight in zip(element.shifts, element.weights.tolist(), strict=True):
             amplitudes = weight * element.amplitudes
-            yield _Part(corners[numbers] + shift, shift, amplitudes, element.frequencies)
+            yield _Element(corners[numbers] + shift, shift, amplitudes, element.frequencies)
 
 
-def cells_of_wave(wave: Wavefront, wavelength: float) -> Iterator[tuple[_Part, Floats]]:
+def cells_of_wave(wave: Wavefront, wavelength: float) -> Iterator[tuple[_Element, Floats]]:
     """Yield parts of a curved source, and cells (k, 3, 2) small enough for any plane wave."""
-    for part in _parts(wave):
+    for part in _elements(wave):
         cells = part.triangles
         while len(cells):
             sides = cells - np.roll(cells, 1, axis=1)
@@ -118,7 +121,11 @@ def cells_of_wave(wave: Wavefront, wavelength: float) -> Iterator[tuple[_Part, F
                 )
 
 
-def _highest(wave: Wavefront, part: _Part, cells: Floats, frequencies: Any) -> Floats:
+def _highest(wave: Wavefront, part: _Element, cells: Floats, frequencies: Any) -> Floats:
+    """Return the highest spatial frequency of the field times another wave on each cell, in 1/m.
+
+    ``frequencies``: spatial frequencies of the other wave at the corners of the cells.
+    """
     frequencies = frequencies + (cells - wave.centre) @ wave.curvature
     highest = np.zeros(len(cells))
     for kappa in part.frequencies:
@@ -126,8 +133,8 @@ def _highest(wave: Wavefront, part: _Part, cells: Floats, frequencies: Any) -> F
     return highest
 
 
-def _cells(
-    wave: Wavefront, part: _Part, points: Floats, wavelength: float
+def _point_cells(
+    wave: Wavefront, part: _Element, points: Floats, wavelength: float
 ) -> Iterator[tuple[NDArray[np.intp], Floats]]:
     """Yield indices (k,) of points, and the cells (k, 3, 2) that each point requires."""
     count = len(part.triangles)
@@ -148,23 +155,24 @@ def _cells(
 
 
 def _are_small(
-    wave: Wavefront, part: _Part, cells: Floats, points: Floats, wavelength: float
+    wave: Wavefront, part: _Element, cells: Floats, points: Floats, wavelength: float
 ) -> NDArray[np.bool_]:
+    """Return whether one Gauss rule integrates the wave of each cell to its point."""
     sides = cells - np.roll(cells, 1, axis=1)
     size = np.linalg.norm(sides, axis=2).max(axis=1)
     away = cells - points[:, None, :2]
     height = points[:, 2]
-    reach = np.sqrt((away**2).sum(axis=2) + height[:, None] ** 2)
+    corner_distance = np.sqrt((away**2).sum(axis=2) + height[:, None] ** 2)
     centre = away.mean(axis=1)
     distance = np.sqrt((centre**2).sum(axis=1) + height**2)
     near = np.maximum(height, distance - size)
-    highest = _highest(wave, part, cells, away / (wavelength * reach[..., None]))
+    highest = _highest(wave, part, cells, away / (wavelength * corner_distance[..., None]))
     rate = highest + np.minimum(size / near, 1.0) / wavelength
     return np.asarray((rate * size <= _MOST_CYCLES) & (size <= 2 * near))
 
 
 def field_at_nodes(
-    wave: Wavefront, part: _Part, cells: Floats, wavelength: float, with_slopes: bool = False
+    wave: Wavefront, part: _Element, cells: Floats, wavelength: float, with_slopes: bool = False
 ) -> tuple[Floats, Complex, Complex]:
     """Return nodes (k, n, 2) on k cells, and the weighted field and normal derivative (k, n).
 
@@ -186,8 +194,8 @@ def field_at_nodes(
     return nodes, field * weights, slopes * weights
 
 
-def _terms(
-    wave: Wavefront, part: _Part, cells: Floats, points: Floats, wavelength: float, method: str
+def _integrand(
+    wave: Wavefront, part: _Element, cells: Floats, points: Floats, wavelength: float, method: str
 ) -> Complex:
     """Return the weighted integrand of (Q7) at the nodes of cells."""
     condition = CONDITIONS[method]
@@ -195,9 +203,9 @@ def _terms(
         wave, part, cells, wavelength, condition.needs_normal_derivative
     )
     height = points[:, 2, None]
-    reach = np.sqrt(((nodes - points[:, None, :2]) ** 2).sum(axis=2) + height**2)
+    distance = np.sqrt(((nodes - points[:, None, :2]) ** 2).sum(axis=2) + height**2)
     k = 2 * math.pi / wavelength
     value = condition.slope * slopes
-    value += condition.field * field * (height / reach) * (1 + 1j / (k * reach))
-    wave_to_point = np.exp(2j * math.pi * (reach / wavelength)) / (1j * wavelength * reach)
+    value += condition.field * field * (height / distance) * (1 + 1j / (k * distance))
+    wave_to_point = np.exp(2j * math.pi * (distance / wavelength)) / (1j * wavelength * distance)
     return np.asarray(value * wave_to_point)

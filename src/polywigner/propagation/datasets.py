@@ -100,12 +100,14 @@ def _field_values(
     source: PlaneSource | Wavefront, grid: Grid, wavelength: float, method: str, quantity: str,
     dtype: np.dtype[Any], options: Mapping[str, Any], origin: Index, shape: Index,
 ) -> NDArray[Any]:  # fmt: skip
+    """Compute a block of a field on a grid, from the index ``origin``."""
     compute = irradiance if quantity == "irradiance" else amplitude
     field = compute(source, grid.points(origin, shape), wavelength, method, **options)
     return np.asarray(np.angle(field) if quantity == "phase" else field, dtype)
 
 
 def _field_attrs(method: str, quantity: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the attributes of the variable that contains a field."""
     units, long_name = _QUANTITIES[quantity]
     return {
         "units": units,
@@ -114,28 +116,30 @@ def _field_attrs(method: str, quantity: str, options: Mapping[str, Any]) -> dict
         "quantity": quantity,
         **({"obliquity": DEFAULT} if method in _WITH_OBLIQUITY else {}),
         **options,
-        **({"obstacles": _described(options["obstacles"])} if "obstacles" in options else {}),
+        **({"obstacles": _summary(options["obstacles"])} if "obstacles" in options else {}),
         "convention": "waves exp(+ikr)/r, time exp(-i omega t); |u|^2 on the source in W m-2",
     }
 
 
-def _described(obstacles: Sequence[Obstacle]) -> str:
+def _summary(obstacles: Sequence[Obstacle]) -> str:
+    """Return a text with the number, the types and the SHA-256 hash of obstacles."""
     meshes = [obstacle_of(body) for body in obstacles]
     content = b"".join(mesh.vertices.tobytes() + mesh.triangles.tobytes() for mesh in meshes)
     names = f"{'; '.join(map(repr, obstacles)):.150}"
     return f"{len(meshes)} obstacles: {names} (SHA-256 {hashlib.sha256(content).hexdigest()})"
 
 
-def _dataset(
+def _field_dataset(
     source: Any, grid: Grid, wavelength: float, options: FieldOptions, dtype: str = "float64"
 ) -> xarray.Dataset:
+    """Return the fields of all requested methods on a grid, in memory, lazy or stored."""
     check_options(options, FieldOptions)
     radiator, length = checked_radiator(source, partly=True), checked_wavelength(wavelength)
     methods = _checked_methods(options.get("method", "wigner"))
     quantity = checked_choice(options.get("quantity", "irradiance"), "quantity", list(_QUANTITIES))
     number = checked_choice(options.get("dtype", dtype), "dtype", ("float32", "float64"))
     number_type = np.result_type(number, *([np.complex64] if quantity == "amplitude" else []))
-    common, shape = _settings(options, quantity), grid.shape
+    common, shape = _checked_settings(options, quantity), grid.shape
     is_lazy = options.get("chunks") is not None or options.get("out") is not None
     samples = math.prod(shape)
     if is_lazy:  # All chunks need the same engine, even on different machines.
@@ -165,7 +169,8 @@ def _dataset(
         )
 
 
-def _settings(options: FieldOptions, quantity: str) -> dict[str, Any]:
+def _checked_settings(options: FieldOptions, quantity: str) -> dict[str, Any]:
+    """Return the options that are passed to irradiance or amplitude."""
     settings: dict[str, Any] = {
         name: value
         for name, value in options.items()
@@ -183,6 +188,7 @@ def _settings(options: FieldOptions, quantity: str) -> dict[str, Any]:
 
 
 def _checked_methods(method: Any) -> tuple[str, ...]:
+    """Return one or several names of methods as a tuple; raise ArgumentError for others."""
     methods = tuple(method) if isinstance(method, (list, tuple)) else (method,)
     if not methods or len(set(map(str, methods))) < len(methods):
         raise ArgumentError(
@@ -253,7 +259,7 @@ def line(
     >>> field.fresnel.shape
     (5,)
     """
-    return _dataset(source, line_grid(ends, samples), wavelength, options)
+    return _field_dataset(source, line_grid(ends, samples), wavelength, options)
 
 
 @takes_frequency
@@ -339,7 +345,7 @@ def plane(
     >>> sorted(field.fresnel.shape)
     [4, 5]
     """
-    return _dataset(source, plane_grid(where, shape), wavelength, options)
+    return _field_dataset(source, plane_grid(where, shape), wavelength, options)
 
 
 @takes_frequency
@@ -389,7 +395,7 @@ def hemisphere(
     >>> field.fresnel.shape
     (2, 1)
     """
-    return _dataset(source, hemisphere_grid(radius, theta, phi, centre), wavelength, options)
+    return _field_dataset(source, hemisphere_grid(radius, theta, phi, centre), wavelength, options)
 
 
 @takes_frequency
@@ -433,7 +439,7 @@ def volume(
     >>> field.fresnel.size
     18
     """
-    return _dataset(source, box_grid(box, shape), wavelength, options, "float32")
+    return _field_dataset(source, box_grid(box, shape), wavelength, options, "float32")
 
 
 Kind = Literal["wigner", "ambiguity"]
@@ -502,7 +508,7 @@ def wigner_table(
     (1, 1, 2, 1)
     """
     axes = {"x": x, "y": y, "nu_x": nu_x, "nu_y": nu_y}
-    return _table("wigner", source, axes, out, options)
+    return _table_dataset("wigner", source, axes, out, options)
 
 
 def ambiguity_table(
@@ -545,13 +551,14 @@ def ambiguity_table(
     (2, 1, 1, 1)
     """
     axes = {"upsilon_x": upsilon_x, "upsilon_y": upsilon_y, "xi_x": xi_x, "xi_y": xi_y}
-    return _table("ambiguity", source, axes, out, options)
+    return _table_dataset("ambiguity", source, axes, out, options)
 
 
 def _values(
     kind: Kind, source: PhaseSpaceSource, axes: Sequence[NDArray[np.float64]], how: Any,
     origin: Index, shape: Index,
 ) -> NDArray[Any]:  # fmt: skip
+    """Compute a block of the table of W or A, from the index ``origin``."""
     parts = [a[o : o + n] for a, o, n in zip(axes, origin, shape, strict=True)]
     first, second = (
         np.stack(np.meshgrid(*pair, indexing="ij"), axis=-1) for pair in (parts[:2], parts[2:])
@@ -564,13 +571,14 @@ def _values(
     return np.ascontiguousarray(values.transpose(2, 3, 0, 1))
 
 
-def _table(
+def _table_dataset(
     kind: Kind,
     source: PhaseSpaceSource,
     axes: Mapping[str, ArrayLike],
     out: str | os.PathLike[str] | None,
     options: TableOptions,
 ) -> xarray.Dataset:
+    """Return W or A on a grid of four coordinates, in memory, lazy or stored."""
     check_options(options, TableOptions)
     if kernel_for(kind, flat_source(source)).dimension != 2:
         raise ArgumentError(
@@ -598,6 +606,7 @@ def _table(
 
 
 def _checked_axis(name: str, values: ArrayLike) -> xarray.Variable:
+    """Return a coordinate of a table in m or 1/m; raise ArgumentError for other values."""
     expected = f"expected {name} to be finite numbers of shape (n,)"
     array = finite_array(values, expected, (None,))
     units = "1/m" if name.startswith(("nu", "upsilon")) else "m"

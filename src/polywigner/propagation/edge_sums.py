@@ -33,16 +33,13 @@ from polywigner.kernels.boundary.edge_waves import (
     path_over,
 )
 from polywigner.kernels.kernel import Values
-from polywigner.numerics import Number
+from polywigner.numerics import Complex, Floats, Indices, Number
 from polywigner.numerics.nodes import gauss_legendre, nodes_needed
 from polywigner.numerics.phases import Pair, unit_wave
 from polywigner.propagation.equivalent_points import RadiatingPoint
 from polywigner.propagation.source_nodes import Interpolation, interpolation_for
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 Flags = NDArray[np.bool_]
-Indices = NDArray[np.intp]
 
 # An edge within _CLOSE [wavelengths] of the point is near. The blend between near and far edges
 # ends at _OVERLAP times the near limits.
@@ -65,6 +62,8 @@ _OPS: Any = NumpyOperations()
 
 
 class Targets(NamedTuple):
+    """Positions at which the field behind obstacles is computed."""
+
     positions: Floats
     """Shape (n, 3)."""
     aside: Floats
@@ -75,6 +74,7 @@ class Targets(NamedTuple):
     """Whether edge angles determine visibility, without ray tracing, shape (n,)."""
 
     def subset(self, some: Any) -> Targets:
+        """Return the positions with the given indices or mask."""
         return Targets(*(part[some] for part in self))
 
 
@@ -149,10 +149,11 @@ class EdgeSum:
 
     @cached_property
     def _is_oblique(self) -> bool:
+        """Whether edge waves have an obliquity term, because a point has a weight of the field."""
         return any(point.field for point in self.points)
 
     def change(self, targets: Targets, rule: EdgeRule) -> tuple[Complex, Complex]:
-        """Return the change of the field, and the free field."""
+        """Return the change of the field by the obstacles at all targets, and the free field."""
         change = self._far_waves(targets.positions)
         free = np.zeros_like(change)
         for some in _blocks(len(change), max(len(self.edges), len(self.points))):
@@ -181,7 +182,7 @@ class EdgeSum:
         for some in _blocks(len(pairs), 1):
             number, pair = numbers[some], pairs[some]
             point, columns = points[pair], np.column_stack([self.origins[number], rows[pair]])
-            real, imag, *rate = self._summed(term, np.zeros((1, 1)), columns, 4)
+            real, imag, *rate = self._row_sums(term, np.zeros((1, 1)), columns, 4)
             total = waves[number, point] * (real + 1j * imag)
             for dipole in dipoles:
                 total += dipole[number, point] * (rate[0] + 1j * rate[1])
@@ -200,20 +201,22 @@ class EdgeSum:
         by_angles, origin = targets.by_angles, self.origins[k]
         shadow = np.zeros(len(by_angles))
         edges = self.edges[self.sees[k]].reshape(-1, 6)
-        (angles,) = self._summed(_angle, edges, targets.aside[by_angles], 1, origin)
+        (angles,) = self._row_sums(_edge_angle, edges, targets.aside[by_angles], 1, origin)
         shadow[by_angles] = angles / (2.0 * math.pi)
         others = targets.subset(~by_angles)
         shadow[~by_angles] -= self.bodies.hide(origin, others.aside, others.margin)
         return shadow
 
-    def _summed(
+    def _row_sums(
         self, term: Any, rows: Floats, columns: Floats, outputs: int, shared: Floats = _NONE
     ) -> tuple[Floats, ...]:
+        """Return sums of ``term(row, column, shared)`` over rows, an array (n,) for each output."""
         if not len(rows) * len(columns):
             return (np.zeros(len(columns)),) * outputs
         return execution.evaluate_rows(term, rows, columns, shared, outputs, self.engine)
 
     def _far_waves(self, positions: Floats) -> Complex:
+        """Return the sum of the waves of far edges at positions (n, 3)."""
         number = np.repeat(np.arange(len(self.counts)), self.counts)
         rules = {count: gauss_legendre(count)[:, :2] for count in np.unique(self.counts).tolist()}
         at, weight = np.concatenate([rules[count] for count in self.counts.tolist()]).T
@@ -223,19 +226,20 @@ class EdgeSum:
         shared = np.array([self.nodes.detour, *self.nodes.far.centre])
         total = np.zeros(len(positions), np.complex128)
         for some in _blocks(len(samples), len(self.points)):
-            nodes = self._nodes_at(samples[some], number[some])
+            nodes = self._far_nodes(samples[some], number[some])
             ends = self.edges[number[some]].reshape(-1, 6)
             ends = np.column_stack([samples[some], tangents[some], ends])
             rows = np.column_stack([np.repeat(ends, len(nodes) // len(ends), axis=0), nodes])
             term = partial(_far_wave, 7 if self._is_oblique else 5)
-            real, imag = self._summed(term, rows, positions, 2, shared)
+            real, imag = self._row_sums(term, rows, positions, 2, shared)
             total += real + 1j * imag
         return total
 
-    def _nodes_at(self, samples: Floats, number: Indices) -> Floats:
-        """Return table rows with the directions and waves of far nodes at edge samples (q, 3).
+    def _far_nodes(self, samples: Floats, number: Indices) -> Floats:
+        """Return table rows of the far nodes, as seen from samples (q, 3) of edges.
 
-        Zero weights pad the last row of a sample.
+        A row contains the directions and waves of several nodes. Zero weights pad the last row of a
+        sample.
         """
         source = self.nodes.far
         waves = source.waves_and_dipoles(samples)
@@ -256,7 +260,7 @@ class EdgeSum:
 
 
 def _blocks(count: int, width: int) -> list[Indices]:
-    """Divide ``range(count)`` into blocks for arrays of ``width`` columns."""
+    """Divide the indices from 0 to count - 1 into blocks that limit arrays of ``width`` columns."""
     return np.array_split(np.arange(count), 1 + count * width // _PAIRS)
 
 
@@ -273,19 +277,19 @@ def _ends_of_blocks(edges: Floats, count: int) -> list[tuple[Point, Point]]:
 def _sample_counts(edges: Floats, nodes: Interpolation, positions: Floats, error: float) -> Indices:
     """Return the number of samples (m,) that each edge needs for waves at positions (n, 3)."""
     source, at, ops = nodes.far, tuple(positions.T), _OPS
-    reach = 0.5 * float(np.linalg.norm(np.ptp(source.origins, axis=0)))
+    radius = 0.5 * float(np.linalg.norm(np.ptp(source.origins, axis=0)))
     digits, centre, numbers = -math.log(error), tuple(source.centre), []
     for start, end in _ends_of_blocks(edges, len(positions)):
         along = difference(end, start)
         length = ops.sqrt(dot(along, along))
         slopes = [abs(_slope(along, p, centre) + _slope(along, p, at)) for p in (start, end)]
         distance = ops.maximum(_distance(ops, start, end, centre), 1e-9)
-        phase = math.pi * (ops.maximum(*slopes) + 2.0 * reach * length / distance)
+        phase = math.pi * (ops.maximum(*slopes) + 2.0 * radius * length / distance)
         # lateral: distance between the edge and the line from source to point, measured at the
         # edge.
         away = ops.maximum(_distance(ops, start, end, at), _CLOSE)
         part = away / (distance + away)
-        lateral = ops.sqrt(2.0 * nodes.detour * distance * part) - reach * part
+        lateral = ops.sqrt(2.0 * nodes.detour * distance * part) - radius * part
         clear = ops.minimum(ops.minimum(lateral, away), distance) / (0.5 * length)
         needed, _ = nodes_needed(ops, digits, clear.min(axis=1), phase.max(axis=1))
         numbers.append(np.maximum(np.ceil(needed), 2.0))
@@ -293,7 +297,7 @@ def _sample_counts(edges: Floats, nodes: Interpolation, positions: Floats, error
 
 
 def _slope(along: Point, end: Point, point: Point) -> Number:
-    """Return the derivative of the distance from a point at one end of an edge."""
+    """Return the derivative along an edge of the distance from a point, at one end of the edge."""
     away = difference(end, point)
     return dot(along, away) / _OPS.maximum(_OPS.sqrt(dot(away, away)), 1e-9)
 
@@ -309,7 +313,7 @@ def _distance(ops: Any, start: Point, end: Point, point: Point) -> Number:
 def _near_weight(
     ops: Any, least: Number, source: Point, start: Point, end: Point, point: Point
 ) -> Number:
-    """Return the fraction of an edge wave that counts as near.
+    """Return the weight of an edge in the sum over near edges, from 0 to 1.
 
     ``least``: smallest detour of far edges.
     """
@@ -335,7 +339,8 @@ def _boundary_waves(
     return boundary.real, boundary.imag, rate.imag, -rate.real
 
 
-def _angle(ops: Any, row: Point, sample: Point, shared: Point) -> Values:
+def _edge_angle(ops: Any, row: Point, sample: Point, shared: Point) -> Values:
+    """Return the angle that the edge in ``row`` spans about the line from source to sample."""
     return (angle_about(ops, shared, sample, row[:3], row[3:6]),)
 
 

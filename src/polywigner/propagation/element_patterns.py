@@ -124,12 +124,12 @@ class ElementPattern:
 
     def components(self, theta: Floats, phi: Floats) -> Complex:
         """Return E_theta and E_phi over theta and phi, shape (2, n, m)."""
-        along, around = self._along(theta), self._around(phi)
+        along, around = self._theta_matrix(theta), self._phi_waves(phi)
         return np.asarray(along @ self._waves @ around.T)
 
     def grid(self, theta: Floats, phi: Floats) -> Complex:
         """Return far-field vectors over theta and phi, shape (n, m, 3)."""
-        return _vector(theta[:, None], phi, *self.components(theta, phi))
+        return _cartesian(theta[:, None], phi, *self.components(theta, phi))
 
     def vectors(self, directions: Floats) -> Complex:
         """Return far-field vectors in given directions (unit vectors)."""
@@ -138,9 +138,9 @@ class ElementPattern:
         for k in range(0, len(flat), _ROWS):
             x, y, z = flat[k : k + _ROWS].T
             theta, phi = np.arctan2(np.hypot(x, y), z), np.arctan2(y, x)
-            along, around = self._along(theta), self._around(phi)
+            along, around = self._theta_matrix(theta), self._phi_waves(phi)
             polar, azimuthal = (((along @ part) * around).sum(axis=1) for part in self._waves)
-            field[k : k + _ROWS] = _vector(theta, phi, polar, azimuthal)
+            field[k : k + _ROWS] = _cartesian(theta, phi, polar, azimuthal)
         return field.reshape(directions.shape)
 
     def power(self, lag: float, factor: Callable[[Floats], Complex] | None = None) -> float:
@@ -164,10 +164,11 @@ class ElementPattern:
             total += float(weight[k : k + rows] @ squares.mean(axis=1))
         return 2 * math.pi * total
 
-    def _around(self, phi: Floats) -> Complex:
+    def _phi_waves(self, phi: Floats) -> Complex:
+        """Return the Fourier waves exp(i m phi) of all orders m, shape (n, orders)."""
         return np.exp(1j * phi[:, None] * self._orders)
 
-    def _along(self, theta: Floats) -> Floats:
+    def _theta_matrix(self, theta: Floats) -> Floats:
         """Return the matrix that interpolates a meridian at angles theta."""
         count = self._waves.shape[1]
         if self.covers_sphere:  # Dirichlet kernel
@@ -189,10 +190,9 @@ class ElementPattern:
         return np.where((np.abs(theta) > math.pi / 2 + _EVEN)[:, None], 0.0, matrix)
 
 
-def _vector(theta: Floats, phi: Floats, polar: Complex, azimuthal: Complex) -> Complex:
-    sine, cosine = np.sin(phi), np.cos(phi)
-    radial = np.cos(theta) * polar
-    x, y = radial * cosine - azimuthal * sine, radial * sine + azimuthal * cosine
+def _cartesian(theta: Floats, phi: Floats, polar: Complex, azimuthal: Complex) -> Complex:
+    """Return vectors (..., 3) with the components E_theta and E_phi at angles in rad."""
+    x, y = polar_components(np.cos(theta) * polar, azimuthal, -phi)
     return np.stack([x, y, -np.sin(theta) * polar], axis=-1)
 
 
@@ -200,8 +200,8 @@ def covers_front(theta: Floats, phi: Floats) -> bool:
     """Return whether angles theta and phi in rad cover the front hemisphere in even steps."""
     even = all(np.ptp(np.diff(angles)) < 10 * _EVEN for angles in (theta, phi) if len(angles) > 2)
     around = len(phi) > 1 and abs((phi[1] - phi[0]) * len(phi) - 2 * math.pi) < 1e-4
-    reach = abs(theta[0]) <= _EVEN and theta[-1] >= math.pi / 2 - _EVEN
-    return bool(even and around and reach)
+    spans_front = abs(theta[0]) <= _EVEN and theta[-1] >= math.pi / 2 - _EVEN
+    return bool(even and around and spans_front)
 
 
 def linear_components(pattern: Any, name: str) -> tuple[Floats, Floats, Complex, Complex, Complex]:
@@ -345,7 +345,7 @@ def fit_pattern(
         jones = checked_polarisation(polarisation, aperture)
     meaning = "a fraction from 1e-12 to 1"
     least = checked_number(cut_off, "cut_off", meaning, lambda x: 1e-12 <= x < 1)
-    waves = _waves_on(aperture, length)
+    waves = _fit_waves(aperture, length)
     blocks = list(directions_and_weights(aperture.diameter, length))
     s, weights = (np.concatenate(column) for column in zip(*blocks, strict=True))
     # Far-field vector of a polarised point source, divided by its scalar far field.
@@ -385,7 +385,8 @@ def fit_pattern(
     return FittedPattern(aperture.with_illumination(field), residual, power_ratio)
 
 
-def _waves_on(aperture: Aperture, wavelength: float) -> Floats:
+def _fit_waves(aperture: Aperture, wavelength: float) -> Floats:
+    """Return the spatial frequencies (m, 2) of the plane waves that :func:`fit_pattern` adds up."""
     x0, y0, x1, y1 = aperture.bounds
     extents = np.array([x1 - x0, y1 - y0])
     limits = 1 / wavelength + 1 / extents

@@ -100,6 +100,7 @@ def equivalent_grid(
 
 
 def _numbers_of_nodes(cycles: float, error: float) -> list[int]:
+    """Return ascending numbers of Gauss nodes to try, for ``cycles`` of phase along half a side."""
     # The last numbers resolve any field on the source.
     uniform = math.ceil(3.0 * cycles) + math.ceil(-0.7 * math.log10(error) * cycles ** (1 / 3)) + 1
     numbers = [uniform + more for more in _MORE_OF_UNIFORM]
@@ -111,7 +112,10 @@ def _numbers_of_nodes(cycles: float, error: float) -> list[int]:
 def _spectra(
     source: Any, sines: list[Floats], centre: Floats, wavelength: float, condition: Obliquity
 ) -> list[Complex]:
-    """Return far fields of the field and of its normal derivative, in square wavelengths."""
+    """Return the far fields due to a source's field and to its normal derivative.
+
+    The unit is a square wavelength. Parts that the boundary condition does not contain are omitted.
+    """
     nu = np.stack(np.meshgrid(*sines, indexing="ij"), axis=-1) / wavelength
     phase = np.exp(2j * math.pi * (nu @ centre)) / wavelength**2
     spectra = []
@@ -188,36 +192,36 @@ def sines_towards(low: Floats, high: Floats, boxes: Floats) -> Sines:
     return bounds[0], bounds[1]
 
 
-def oblique_change(ops: Any, ahead: Point, field: Point, rate: Pair, turns: Any = None) -> Pair:
+def oblique_change(ops: Any, ahead: Point, field: Point, rate: Pair, cycles: Any = None) -> Pair:
     """Return the obliquity term of (SB5) for a point source.
 
-    ``rate`` is the derivative of the boundary wave with respect to z of the source. ``turns``: see
+    ``rate`` is the derivative of the boundary wave with respect to z of the source. ``cycles``: see
     :func:`spherical_wave`.
     """
     # i/(2 pi) from the derivative, -1/(2 pi) from the boundary wave.
-    wave = spherical_wave(ops, ahead, turns) * Pair(*field) * rate
+    wave = spherical_wave(ops, ahead, cycles) * Pair(*field) * rate
     return Pair(wave.imag, -wave.real).scaled(0.25 / math.pi**2)
 
 
-def spherical_wave(ops: Any, ahead: Point, turns: Any = None) -> Pair:
+def spherical_wave(ops: Any, ahead: Point, cycles: Any = None) -> Pair:
     """Return the spherical wave ``exp(2 pi i R)/(i R)``, where R is the length of ``ahead``.
 
-    ``turns`` replaces R in the phase if it is known more accurately.
+    ``cycles`` replaces R in the phase if it is known more accurately.
     """
     distance = ops.sqrt(sum(a * a for a in ahead))
-    c, s = cos_sin_cycles(ops, distance if turns is None else turns)
+    c, s = cos_sin_cycles(ops, distance if cycles is None else cycles)
     return Pair(s, -c).scaled(1.0 / distance)
 
 
-def wave_ahead(ops: Any, ahead: Point, field: Point, slope: Point, turns: Any = None) -> Pair:
+def wave_ahead(ops: Any, ahead: Point, field: Point, slope: Point, cycles: Any = None) -> Pair:
     """Return the wave of a point source at the displacement ``ahead``.
 
-    ``field`` and ``slope`` are the weights of the field and of the normal derivative. ``turns``:
+    ``field`` and ``slope`` are the weights of the field and of the normal derivative. ``cycles``:
     see :func:`spherical_wave`.
     """
     inverse = 1.0 / ops.sqrt(sum(a * a for a in ahead))
     near = Pair(1.0, (0.5 / math.pi) * inverse).scaled(ahead[2] * inverse)
-    return spherical_wave(ops, ahead, turns) * (Pair(*field) * near + Pair(*slope))
+    return spherical_wave(ops, ahead, cycles) * (Pair(*field) * near + Pair(*slope))
 
 
 class RadiatingPoint(NamedTuple):
@@ -271,6 +275,7 @@ def radiating_points(
     tried: list[int] = []
 
     def allowed(counts: Sequence[int]) -> bool:
+        """Record the numbers of nodes, and return whether their product is small enough."""
         tried[:] = counts
         return math.prod(counts) <= most
 

@@ -130,6 +130,8 @@ _NAME = re.compile(
 
 
 class Column(NamedTuple):
+    """Content and unit of a column of a far-field file."""
+
     title: str
     quantity: str
     """Such as "theta", "field" or "gain"."""
@@ -205,6 +207,7 @@ def _checked_unit(
 
 
 def _cst_columns(header: str) -> list[Column | None]:
+    """Return the columns in the header of a CST table, None for each unknown column."""
     # Abs(Theta) and Abs(Phi) have the quantity of the total column, such as Abs(Dir.).
     titles: list[tuple[str, str | None]] = re.findall(r"([^\[\]]+)\[([^\]]*)\]", header)
     titles += [(name, None) for name in header.rpartition("]")[2].split()]
@@ -220,7 +223,8 @@ def _cst_columns(header: str) -> list[Column | None]:
     ]
 
 
-def _check_header(columns: Sequence[Column | None]) -> None:
+def _check_columns(columns: Sequence[Column | None]) -> None:
+    """Raise FileFormatError for repeated columns, or if theta or phi is missing."""
     contents = [column[1:4] for column in columns if column is not None]
     for column in columns:
         if column is not None and contents.count(column[1:4]) > 1:
@@ -250,10 +254,14 @@ def numbers_of(lines: Sequence[str], first: int, columns: int) -> Floats:
 
     ``first``: number of the first line, for error messages.
     """
-    return _cells_of([line.split() for line in lines], first, columns)
+    return _number_table([line.split() for line in lines], first, columns)
 
 
-def _cells_of(rows: Sequence[Sequence[str]], first: int, columns: int) -> Floats:
+def _number_table(rows: Sequence[Sequence[str]], first: int, columns: int) -> Floats:
+    """Return cells of text as an array of numbers; omit rows without text.
+
+    ``first``: line of the first row, and ``columns``: number of cells per row, for error messages.
+    """
     values: list[list[float]] = []
     for number, cells in enumerate(rows, start=first):
         if not any(cell.strip() for cell in cells):
@@ -283,20 +291,24 @@ def _cells_of(rows: Sequence[Sequence[str]], first: int, columns: int) -> Floats
 def _tables_of(
     columns: Sequence[Column | None], values: Floats, frequency: float = math.nan
 ) -> Iterator[FarFieldTable]:
+    """Yield the far field at each frequency in a table of numbers.
+
+    ``frequency``: frequency in Hz of a table without a frequency column.
+    """
     known = [(c, values[:, k]) for k, c in enumerate(columns) if c is not None]
     axes = {c.quantity: c.unit.scale * v for c, v in known if c.part == "value"}
     frequencies = axes.get("frequency", np.full(len(values), frequency))
     for value in np.unique(frequencies):
         rows = slice(None) if np.isnan(value) else frequencies == value
         cells = [(column, numbers[rows]) for column, numbers in known]
-        (a, columns_a), (b, columns_b) = (_component(name, cells) for name in ("theta", "phi"))
+        (a, columns_a), (b, columns_b) = (_field_of(name, cells) for name in ("theta", "phi"))
         fields, used = np.array([a, b]), [*columns_a, *columns_b]
         repeated = [(c, c.intensity(v)) for c, v in cells if c.part == "size" and c not in used]
         _compare(fields, repeated, {column.quantity for column in used if column.part != "phase"})
         yield FarFieldTable(axes["theta"][rows], axes["phi"][rows], fields, float(value), repeated)
 
 
-def _component(name: str, cells: Cells) -> tuple[Complex, list[Column]]:
+def _field_of(name: str, cells: Cells) -> tuple[Complex, list[Column]]:
     """Return E_theta or E_phi in V, and the columns that determine it."""
     parts = {(c.quantity, c.part): (c, v) for c, v in cells if c.component == name}
     if ("field", "real") in parts and ("field", "imaginary") in parts:
@@ -346,23 +358,26 @@ _HFSS_NAME = re.compile(r"(?P<title>[^\[]*?)\s*(?:\[(?P<unit>[^\]]*)\])?\s*(?:-\
 
 
 def _hfss_report(lines: list[str]) -> Iterator[FarFieldTable]:
+    """Read a report of HFSS in CSV format."""
     matches = [_HFSS_NAME.fullmatch(cell.strip()) for cell in next(csv.reader(lines[:1]))]
     columns = [match and _column(match["title"], match["unit"]) for match in matches]
-    _check_header(columns)
+    _check_columns(columns)
     frequencies = set(re.findall(r"Freq='([^']*)'", lines[0]))
     frequency = parse_frequency(frequencies.pop()) if len(frequencies) == 1 else math.nan
-    values = _cells_of(list(csv.reader(lines[1:])), 2, len(columns))
+    values = _number_table(list(csv.reader(lines[1:])), 2, len(columns))
     yield from _tables_of(columns, values, frequency)
 
 
 def _cst_table(lines: list[str]) -> Iterator[FarFieldTable]:
+    """Read a far-field table of CST."""
     columns = _cst_columns(lines[0])
-    _check_header(columns)
+    _check_columns(columns)
     first = 2 if len(lines) > 1 and set(lines[1].strip()) <= {"-"} else 1
     yield from _tables_of(columns, numbers_of(lines[first:], first + 1, len(columns)))
 
 
 def _feko_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
+    """Read a far-field file of FEKO."""
     columns: list[Column | None] = []
     settings = {"#coordinate system": "spherical", "#result type": ""}
     numbered = ((n, s) for n, s in enumerate(lines, 1) if s.strip() and not s.startswith("**"))
@@ -391,7 +406,7 @@ def _feko_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
                 "expected a header line that starts with # and contains the column names before "
                 f"line {numbers[0]}, got none"
             )
-        _check_header(columns)
+        _check_columns(columns)
         text = settings.get("#frequency")
         frequency = math.nan if text is None else parse_frequency(text)
         cells = numbers_of(block, numbers[0], len(columns))
@@ -399,6 +414,7 @@ def _feko_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
 
 
 def _hfss_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
+    """Read a far-field file of HFSS."""
     axes = []
     for number in (1, 2):
         start, stop, count = numbers_of(lines[number - 1 : number], number, 3)[0]
@@ -418,14 +434,16 @@ def _hfss_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
                 f"expected {len(theta)} directions for each frequency, got {len(table)}"
             )
         frequency = parse_frequency(lines[start].split(maxsplit=1)[-1])
-        yield FarFieldTable(theta, phi, _pair(table), frequency)
+        yield FarFieldTable(theta, phi, _components(table), frequency)
 
 
-def _pair(table: Floats) -> Complex:
+def _components(table: Floats) -> Complex:
+    """Return two complex fields (2, n) from columns with their real and imaginary parts."""
     return (table[:, ::2] + 1j * table[:, 1::2]).T
 
 
 def _checked_count(count: float, line: int) -> int:
+    """Return a number of angles as an int; raise FileFormatError for other values."""
     if not (1 <= count <= MOST_DIRECTIONS and count == int(count)):
         raise FileFormatError(
             f"expected the number of angles as a positive integer in line {line}, got {count:g}"
@@ -434,6 +452,7 @@ def _checked_count(count: float, line: int) -> int:
 
 
 def _grasp_cuts(lines: list[str]) -> Iterator[FarFieldTable]:
+    """Read spherical cuts of GRASP, joined for each frequency."""
     cuts: dict[float, list[tuple[Floats, Floats, Complex]]] = {}
     k = 0
     while k < len(lines):
@@ -459,7 +478,7 @@ def _grasp_cuts(lines: list[str]) -> Iterator[FarFieldTable]:
         along, across = start + step * np.arange(count), np.full(count, constant)
         theta, phi = (along, across) if cut == 1 else (across, along)
         parts = cuts.setdefault(parse_frequency(named[0]) if named else 0.0, [])
-        parts.append((theta, phi, _from_grasp(int(kind), _pair(table), np.radians(phi))))
+        parts.append((theta, phi, _from_grasp(int(kind), _components(table), np.radians(phi))))
         k += 2 + count
     # GRASP normalises the radiated power to 4 pi W, so |E|^2 is the directivity.
     scale = math.sqrt(2 * FREE_SPACE / (4 * math.pi))

@@ -146,6 +146,7 @@ def radiated_power(
 
 
 def check_slopes(source: PlaneSource | Wavefront, name: str) -> None:
+    """Raise ArgumentError for a Wavefront and an obliquity that requires normal derivatives."""
     if isinstance(source, Wavefront) and OBLIQUITIES[name].needs_normal_derivative:
         raise ArgumentError(
             f"obliquity {name!r} is not available for curved waves and partially coherent light, "
@@ -168,6 +169,7 @@ def powers_of(
 def _intensity(
     source: PlaneSource | Wavefront, directions: NDArray[np.float64], wavelength: float, name: str
 ) -> NDArray[np.float64]:
+    """Return |E|^2 in W/sr in directions (n, 3), also for partially coherent sources."""
     if not is_partly_coherent(source):
         return np.square(np.abs(far_field(source, directions, wavelength, name)))
     # `radiant_intensity` includes the factor cos(theta) of "paper". The default condition requires
@@ -251,29 +253,31 @@ class FarField:
             rows = max(1, _BLOCK // len(across))
             for k in range(0, len(along), rows):
                 grid = np.stack(np.meshgrid(across, along[k : k + rows]), axis=-1).reshape(-1, 2)
-                candidates.append(_near_largest(*self._on_disc(grid), 2 / steps, width))
+                candidates.append(_near_peak(*self._on_disc(grid), 2 / steps, width))
         cosines, values = (np.concatenate(parts) for parts in zip(*candidates, strict=True))
-        cosines, _ = _near_largest(cosines, values, 2 / steps, width)
-        cosines, values = _climbed(self._on_disc, cosines, 2 / steps, width)
+        cosines, _ = _near_peak(cosines, values, 2 / steps, width)
+        cosines, values = _peaks(self._on_disc, cosines, 2 / steps, width)
         theta = np.arcsin(np.minimum(1, np.linalg.norm(cosines, axis=-1)))
         phi = np.arctan2(cosines[:, 1], cosines[:, 0]) % (2 * math.pi)
         first = np.lexsort([phi.round(6), theta.round(6)])[0]
         return float(values.max()), float(theta[first]), float(phi[first])
 
     def _windows(self, step: Values) -> list[tuple[Values, NDArray[np.intp]]]:
+        """Return regions of direction cosines to search for the beam: centres and step counts."""
         source, wavelength = self.source, self.wavelength
         flat = flat_source(source)
         sides = [sides_of(e.bounds) for e in flat.elements_in_plane]
-        reach = _LOBES * wavelength / np.min(sides, axis=0)
+        radius = _LOBES * wavelength / np.min(sides, axis=0)
         if isinstance(source, Wavefront):
             half = sides_of(flat.bounds) / 2
-            reach = reach + wavelength * np.abs(source.curvature) @ half
-        counts = np.ceil(np.minimum(reach, 1.0) / step).astype(np.intp)
+            radius = radius + wavelength * np.abs(source.curvature) @ half
+        counts = np.ceil(np.minimum(radius, 1.0) / step).astype(np.intp)
         waves = normal_form(flat).frequencies
         centres = np.unique(np.round(waves * wavelength / step), axis=0) * step
         return [(centre, counts) for centre in centres if np.linalg.norm(centre) <= 1.0]
 
     def _on_disc(self, cosines: Values) -> tuple[Values, Values]:
+        """Move direction cosines (..., 2) into the unit disc; return them with intensities."""
         cosines = cosines / np.maximum(1, np.linalg.norm(cosines, axis=-1, keepdims=True))
         third = np.sqrt(np.maximum(0, 1 - np.square(cosines).sum(axis=-1, keepdims=True)))
         directions = np.concatenate([cosines, third], axis=-1).reshape(-1, 3)
@@ -291,7 +295,7 @@ _EQUAL = 1e-9
 _MOST_REFINED = 256
 
 
-def _near_largest(
+def _near_peak(
     points: Floats, values: Floats, step: Floats, width: Floats
 ) -> tuple[Floats, Floats]:
     """Return samples that may lie next to the largest peak, in descending order of values.
@@ -304,7 +308,7 @@ def _near_largest(
     return points[best], values[best]
 
 
-def _climbed(
+def _peaks(
     evaluate: Callable[[Floats], tuple[Floats, Any]], points: Floats, step: Floats, width: Floats
 ) -> tuple[Floats, Floats]:
     """Return positions and heights of the largest peaks, from samples near them.
@@ -319,7 +323,7 @@ def _climbed(
         step = step / _WINDOW
         best = np.arange(len(near)), values.argmax(axis=-1)
         distinct = np.unique((near[best] / step).round(), axis=0, return_index=True)[1]
-        points, values = _near_largest(near[best][distinct], values[best][distinct], step, width)
+        points, values = _near_peak(near[best][distinct], values[best][distinct], step, width)
     return points, values
 
 
@@ -361,7 +365,7 @@ def checked_far_field(source: Any, wavelength: Any, options: FarFieldOptions) ->
     radiator, length = checked_radiator(source), checked_wavelength(wavelength)
     check_width(largest_lag(radiator), length)
     if element is not None:
-        return _of_elements(radiator, length, element, polarisation, how)
+        return _array_field(radiator, length, element, polarisation, how)
     if polarisation is not None:
         model = checked_choice("huygens" if method is None else method, "method", MODELS)
         parts = polarised_parts(radiator, polarisation)
@@ -376,9 +380,10 @@ def checked_far_field(source: Any, wavelength: Any, options: FarFieldOptions) ->
     return FarField(radiator, length, at, powers, {"obliquity": name}, is_vector=False, how=how)
 
 
-def _of_elements(
+def _array_field(
     source: Any, wavelength: float, pattern: Any, polarisation: Any, how: dict[str, Any]
 ) -> FarField:
+    """Return the far field of an array whose elements have a given pattern."""
     if not isinstance(source, Array) or source.repeated is None:
         raise ArgumentError(
             f"element= requires a phased_array, got {type(source).__name__}; create one with "
@@ -394,12 +399,15 @@ def _of_elements(
     _, positions = source.repeated
 
     def factor(s: Values, **how: Any) -> Values:
+        """Return the array factor in directions (..., 3)."""
         return np.asarray(array_factor(positions, source.weights, s[..., :2] / wavelength, **how))
 
     def at(s: Values) -> Values:
+        """Return far-field vectors in directions (..., 3)."""
         return element.vectors(s) * factor(s)[..., None]
 
     def on_grid(theta: Values, phi: Values) -> Values:
+        """Return far-field vectors (n, m, 3) at angles theta (n,) and phi (m,)."""
         return element.grid(theta, phi) * factor(unit_vectors(theta, phi), **how)[..., None]
 
     extent = float(np.linalg.norm(np.ptp(positions, axis=0)))
@@ -434,9 +442,9 @@ def steered_direction(
             return None
         positions = source.repeated[1]
         near = math.sin(beam[0]) * np.array([math.cos(beam[1]), math.sin(beam[1])])
-        cosines = _of_weights(positions, source.weights, wavelength, near)
+        cosines = _phase_slope(positions, source.weights, wavelength, near)
     else:
-        cosines = _of_waves(source.illumination, wavelength)
+        cosines = _central_wave(source.illumination, wavelength)
     if cosines is None or np.linalg.norm(cosines) > 1:
         return None
     theta = math.asin(float(np.linalg.norm(cosines)))
@@ -444,10 +452,13 @@ def steered_direction(
     return theta, phi if theta > _SYMMETRIC else 0.0
 
 
-def _of_weights(
+def _phase_slope(
     positions: Values, weights: Values, wavelength: float, near: Values
 ) -> Values | None:
-    """Return the direction cosines of linear phases, closest to ``near``; None for other phases."""
+    """Return the direction cosines to which the weights of an array are steered, or None.
+
+    The phases must be linear apart from signs. ``near`` selects one of several grating lobes.
+    """
     if len(weights) < 2:
         return None
     residual = weights * np.exp(-2j * np.pi * (positions @ near) / wavelength)
@@ -460,8 +471,8 @@ def _of_weights(
     return near + slope[:2] if error <= _LINEAR else None
 
 
-def _of_waves(illumination: Any, wavelength: float) -> Values | None:
-    """Return the central direction cosines of symmetric plane waves, or None for other waves."""
+def _central_wave(illumination: Any, wavelength: float) -> Values | None:
+    """Return the direction cosines about which plane waves are symmetric, or None."""
     if illumination is None:
         return np.zeros(2)
     waves, sizes = illumination.frequencies * wavelength, np.abs(illumination.amplitudes)

@@ -228,6 +228,7 @@ def _irradiance_and_error(
     engine: Engine = "auto",
     with_error: bool = False,
 ) -> tuple[Floats, Floats]:
+    """Return the irradiance at points, and its error, with the options of :func:`irradiance`."""
     checked_method(method, ("wigner", *METHODS, "auto"))
     meaning = "a number above 0 and below 1"
     allowed = checked_number(tolerance, "tolerance", meaning, lambda x: 0.0 < x < 1.0)
@@ -254,14 +255,13 @@ def _irradiance_and_error(
         field_tolerance = max(_OF_SHADOWS * allowed, LEAST_TOLERANCE)
 
     def compute(part: LightSource, length: float, positions: ArrayLike) -> Floats:
+        """Return irradiance and error (2, ...) of one source at one wavelength."""
         if through is not None:
             behind = None if allowed == _TOLERANCE else allowed
             field = field_behind(part, positions, length, through, behind, others, engine)
             return np.stack(squared_field(*field))
         if method == "wigner":
             return _by_rays(part, positions, length, obliquity, allowed, engine)
-        if obstacles is None and not isinstance(part, (Screen, PointSource)):
-            part = checked_radiator(part)
         field = field_and_error(
             part, positions, length, method, obstacles=obstacles, edge=edge, obliquity=obliquity,
             tolerance=field_tolerance, engine=engine, with_error=with_error,
@@ -280,7 +280,7 @@ def _irradiance_and_error(
     for part, length, weight in _band(source, wavelength, bandwidth, error):
         mean: Floats | None = None
         if has_tilts and obstacles is None:
-            mean = _of_shared_samples(compute, part, points, length, method, through, error)
+            mean = _tilt_mean(compute, part, points, length, method, through, error)
         if mean is None:
             tilted = _tilted(part, error) if has_tilts else [(part, 1.0)]
             mean = np.asarray(sum(w * compute(s, length, points) for s, w in tilted))
@@ -296,6 +296,7 @@ def _by_rays(
     tolerance: float,
     engine: Engine,
 ) -> Floats:
+    """Return the irradiance by Wigner rays at points (..., 3), and its error, shape (2, ...)."""
     length = checked_wavelength(wavelength)
     if isinstance(source, Screen):
         raise ArgumentError(
@@ -332,6 +333,7 @@ def mixture_parts(
 def _band(
     source: Any, wavelength: float, bandwidth: float | None, error: float
 ) -> Iterator[tuple[Any, float, float]]:
+    """Yield the source with its field at each wavelength of a band, the wavelength and a weight."""
     length = checked_wavelength(wavelength)
     band = [(length, 1.0)]
     if bandwidth is not None:
@@ -342,6 +344,7 @@ def _band(
 
 
 def _tilted(source: Any, error: float) -> Iterator[tuple[Any, float]]:
+    """Yield tilted coherent copies of a partially coherent source, and their weights."""
     if not is_partly_coherent(source):
         yield source, 1.0
         return
@@ -349,7 +352,7 @@ def _tilted(source: Any, error: float) -> Iterator[tuple[Any, float]]:
         yield coherent_source(source, tilt), float(weight)
 
 
-def _of_shared_samples(
+def _tilt_mean(
     compute: Compute,
     source: Wavefront,
     points: ArrayLike,
@@ -358,6 +361,10 @@ def _of_shared_samples(
     through: FirstOrder | Sequence[FirstOrder | Aperture | Array] | None,
     error: float,
 ) -> Floats | None:
+    """Return the mean irradiance and error over all tilts (2, ...) by common samples.
+
+    The result is None if the fields of the tilts must be computed separately.
+    """
     checked_radiator(source, partly=True)
     systems: Sequence[FirstOrder | None] = [None]
     stops: Sequence[object] = []

@@ -56,7 +56,7 @@ def _sum_over_lags(
     rates: Floats,
     error: float,
 ) -> Floats | None:
-    """Integrate over lags by successive rules; return None if they do not converge.
+    """Integrate the irradiance over lags; return None if successive rules do not converge.
 
     ``irradiance(lags, weights, extra)``: contribution of lags (m, 2) with ``extra`` additional
     nodes. ``error`` is relative to the largest irradiance.
@@ -73,6 +73,7 @@ def _sum_over_lags(
 
 
 def _longest_lags(source: Wavefront) -> Floats:
+    """Return the longest lags along x and y in m that contribute to the irradiance."""
     return np.asarray(np.minimum(sides_of(source.bounds), _LONGEST * source.coherence_width))
 
 
@@ -82,8 +83,8 @@ def _lag_cells(source: Wavefront) -> Cells:
     No kink of the ambiguity function crosses a trapezoid if there are at most _MOST_KINKS kinks.
     """
     # Kinks lie on the segments V - E of all vertices V and edges E.
-    reach = _longest_lags(source)
-    half = shapely.box(-reach[0], 0.0, reach[0], reach[1])
+    longest = _longest_lags(source)
+    half = shapely.box(-longest[0], 0.0, longest[0], longest[1])
     rings = normal_form(source).rings
     begin = np.concatenate(rings)
     end = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
@@ -96,7 +97,7 @@ def _lag_cells(source: Wavefront) -> Cells:
         if len(kinks) > _MOST_KINKS:
             return _trapezoids_in([half])[0]
     cut = shapely.intersection(np.array(kinks, object), half)
-    noded = shapely.union_all([*cut, half.boundary], grid_size=grid_size(np.diag(reach)))
+    noded = shapely.union_all([*cut, half.boundary], grid_size=grid_size(np.diag(longest)))
     return _trapezoids_in(np.array(polygons_in(shapely.polygonize([noded])), object))[0]
 
 
@@ -126,6 +127,7 @@ def summed_over_lags(
         return None
 
     def irradiance(lags: Floats, weights: Floats, extra: int) -> Floats:
+        """Return the contribution of lags (m, 2) to the irradiance at all points."""
         values = np.asarray(ambiguity(source, -lags @ bend, lags)) * weights
         total = np.empty(len(points))
         step = max(1, _BLOCK // len(lags))
@@ -153,7 +155,10 @@ _PAIRS, _POINTS = 1 << 12, 4
 
 
 def channels_of(source: Wavefront, condition: Obliquity) -> list[Channel]:
-    """Return the field and the normal derivatives that a boundary condition requires."""
+    """Return the field and the normal derivatives that a boundary condition requires.
+
+    None stands for the field, and a frequency (2,) for the normal derivative of a plane wave.
+    """
     channels: list[Channel] = [None] if condition.field else []
     return channels + (list(normal_form(source).frequencies) if condition.slope else [])
 
@@ -190,15 +195,16 @@ def summed_over_pairs(
     largest = 2.0 * abs(form.frequencies).max(axis=0)
 
     def mean_rates(lags: Floats) -> Floats:
+        """Return the highest frequencies along x and y of the integrand over midpoints."""
         return np.asarray(bend * np.linalg.norm(lags, axis=-1, keepdims=True) + largest)
 
-    reach = _longest_lags(source)
+    extent = _longest_lags(source)
     rates = largest_rates(source, points, wavelength).max(axis=0)
     rates = np.hypot(rates, _OF_NORMAL / width)
     cells = _lag_cells(source)
     polygons = shapely.get_parts([element.shape.polygons for element in elements])
     tiles, _ = _trapezoids_in(polygons)
-    counts = [node_counts(cells, rates, _ERROR), node_counts(tiles, mean_rates(reach / 2), _ERROR)]
+    counts = [node_counts(cells, rates, _ERROR), node_counts(tiles, mean_rates(extent / 2), _ERROR)]
     lag_count, mean_count = (float(count.prod(axis=1).sum()) for count in counts)
     time = len(points) * _PAIR * mean_count + _CUT * sum(len(ring) for ring in form.rings)
     if _TWO_RULES * lag_count * time > longest_time:
@@ -208,16 +214,17 @@ def summed_over_pairs(
     neighbours = [
         (a, b)
         for a, b in product(elements, repeat=2)
-        if a.shape.polygons.distance(b.shape.polygons) <= np.linalg.norm(reach)
+        if a.shape.polygons.distance(b.shape.polygons) <= np.linalg.norm(extent)
     ]
 
     def irradiance(lags: Floats, weights: Floats, extra: int) -> Floats:
+        """Return the contribution of lags (m, 2) to the irradiance at all points."""
         total = np.zeros(len(points))
         for start in range(0, len(lags), _LAGS):
             xi = lags[start : start + _LAGS]
             degrees = _degrees(channels, xi, width, wavelength) * weights[start : start + _LAGS]
             for a, b in neighbours:
-                x, amounts, lag_of = _pairs(a, b, xi, mean_rates(xi), extra)
+                x, amounts, lag_of = _point_pairs(a, b, xi, mean_rates(xi), extra)
                 lag = xi[lag_of]
                 cycles = ((x - source.centre) @ source.curvature * lag).sum(axis=1)
                 factor = amounts * a.weight * np.conj(b.weight) * np.exp(2j * np.pi * cycles)
@@ -242,8 +249,8 @@ def _degrees(channels: Sequence[Channel], lags: Floats, width: float, wavelength
     """
     if all(channel is None for channel in channels):
         return np.exp(-0.5 * (lags**2).sum(axis=1) / width**2).astype(complex)[None, None]
-    reach = float(np.linalg.norm(lags, axis=1).max()) / width
-    nodes, weights = normal_product_rule((reach, reach), _MEAN_ERROR)
+    extent = float(np.linalg.norm(lags, axis=1).max()) / width
+    nodes, weights = normal_product_rule((extent, extent), _MEAN_ERROR)
     tilts = nodes / (2 * math.pi * width)
     cosines = np.stack(
         [
@@ -252,11 +259,11 @@ def _degrees(channels: Sequence[Channel], lags: Floats, width: float, wavelength
         ]
     )
     waves = np.exp(2j * np.pi * (lags @ tilts.T)) * weights
-    # Starting the threads of BLAS would take longer than such small products.
+    # BLAS would start threads, which takes longer than such small products.
     return np.asarray(np.einsum("at,bt,lt->abl", cosines, cosines.conj(), waves))
 
 
-def _pairs(
+def _point_pairs(
     first: SourceElement, second: SourceElement, lags: Floats, rates: Floats, extra: int
 ) -> tuple[Floats, Floats, Indices]:
     """Return midpoints (n, 2), weights and lag indices (n,) of pairs of points on two elements."""
@@ -280,6 +287,7 @@ def _sum_of_waves(
     total = np.zeros(len(points))
 
     def factors(z: Floats, distance: Floats, k: float) -> list[Complex | float]:
+        """Return the factors of the field and of its normal derivative at one end of a pair."""
         slope = np.asarray(condition.field * (z / distance) * (1 + 1j / (k * distance)), complex)
         values: list[Complex | float] = [slope] if condition.field else []
         return values + ([condition.slope] if condition.slope else [])
@@ -301,7 +309,7 @@ def _sum_of_waves(
             strict=True,
         )
         value = sum(ahead * behind * weights for (ahead, behind), weights in terms)
-        # Starting the threads of BLAS would take longer than such short products.
+        # BLAS would start threads, which takes longer than such short products.
         total[block] += (waves.real * value.real - waves.imag * value.imag).sum(axis=1)
     return total
 

@@ -65,6 +65,7 @@ def partly_coherent_irradiance(
 
 
 def _with_error(values: Floats, error: float) -> Floats:
+    """Return irradiances, and an error relative to the largest irradiance, shape (2, n)."""
     return np.stack([values, np.full(len(values), error * float(values.max(initial=0.0)))])
 
 
@@ -84,6 +85,7 @@ def _in_parabolic_waves(
     system: FirstOrder | None,
     error: float,
 ) -> Floats | None:
+    """Return irradiances and errors (2, n) of Fresnel fields, or behind a first-order system."""
     heights, plane_of = np.zeros(1), np.zeros(len(points), np.intp)
     systems = [system]
     if system is None:
@@ -93,6 +95,7 @@ def _in_parabolic_waves(
     blurs = [_blur_of(source, plane.B, wavelength) for plane, _ in planes]
 
     def by_lags() -> Floats | None:
+        """Return irradiances and errors as sums over lags, or None if they do not converge."""
         values = np.empty(len(points))
         for plane, members in planes:
             part = summed_over_lags(source, points[members, :2], wavelength, plane, error)
@@ -102,6 +105,7 @@ def _in_parabolic_waves(
         return _with_error(values, error)
 
     def by_convolution() -> Floats | None:
+        """Return irradiances and errors as convolutions, or None for too many nodes."""
         rules = []
         for (_, members), blur in zip(planes, blurs, strict=True):
             rule = _convolution(points[members, :2], blur, error)
@@ -123,27 +127,32 @@ def _in_parabolic_waves(
         means[1:] += error * float(means[0].max(initial=0.0))
         return means
 
-    is_short = max(float(blur.reaches.max()) for blur in blurs) > _SHORT
+    is_short = max(float(blur.extents.max()) for blur in blurs) > _SHORT
     first, second = (by_lags, by_convolution) if is_short else (by_convolution, by_lags)
     values = first()
     return second() if values is None else values
 
 
 class _Blur(NamedTuple):
+    """Blur of the irradiance in a plane by random tilts of the source."""
+
     axes: Floats
     """Principal directions as columns, shape (2, 2)."""
     spreads: Floats
     """Standard deviations along the principal directions in m, shape (2,)."""
-    reaches: Floats
+    extents: Floats
     """Extents of the source along the principal directions in coherence widths, shape (2,)."""
 
 
 def _blur_of(source: Wavefront, transfer: Floats, wavelength: float) -> _Blur:
-    """Return the blur for the matrix B: a tilt t displaces the irradiance by ``wavelength B t``."""
+    """Return the blur of the irradiance by random tilts, behind a system with the matrix B.
+
+    A tilt t displaces the irradiance by ``wavelength B t``.
+    """
     axes, scales, right = np.linalg.svd(transfer)
-    reaches = (abs(right) @ sides_of(source.bounds)) / source.coherence_width
+    extents = (abs(right) @ sides_of(source.bounds)) / source.coherence_width
     spreads = wavelength * scales / (2 * math.pi * source.coherence_width)
-    return _Blur(axes, spreads, reaches)
+    return _Blur(axes, spreads, extents)
 
 
 def _convolution(
@@ -157,10 +166,10 @@ def _convolution(
     steps = math.sqrt(2.0 * math.log(16.0 / error))
     along = points @ blur.axes
     first, second = (
-        _lattice_axis(along[:, k], float(blur.spreads[k]), float(blur.reaches[k]), steps)
+        _lattice_axis(along[:, k], float(blur.spreads[k]), float(blur.extents[k]), steps)
         for k in (0, 1)
     )
-    nodes, weights = normal_product_rule(tuple(blur.reaches.tolist()), error)
+    nodes, weights = normal_product_rule(tuple(blur.extents.tolist()), error)
     count = len(points) * len(weights) if (blur.spreads > 0).all() else math.inf
     step = max(1, _BLOCK // (first.near.shape[1] * second.near.shape[1]))
     blocks = [slice(k, k + step) for k in range(0, len(points), step)]
@@ -173,6 +182,7 @@ def _convolution(
             x, y = np.nonzero(needed)
 
             def mean_on_lattice(values: Floats) -> Floats:
+                """Return means (k, n) of values (k, m) at the lattice points."""
                 table = np.zeros((*values.shape[:-1], *shape))
                 table[..., needed] = values
                 means = np.empty((*values.shape[:-1], len(points)))
@@ -189,12 +199,15 @@ def _convolution(
     shifted = along[:, None] + nodes * blur.spreads
 
     def mean_of_nodes(values: Floats) -> Floats:
+        """Return means (k, n) of values (k, m) at the nodes of all points."""
         return np.asarray(values.reshape(*values.shape[:-1], len(points), -1) @ weights)
 
     return shifted.reshape(-1, 2) @ blur.axes.T, mean_of_nodes
 
 
 class _LatticeAxis(NamedTuple):
+    """Lattice nodes along an axis, and their weights in the means about n points."""
+
     nodes: Floats
     """Shape (m,)."""
     near: Indices
@@ -203,11 +216,15 @@ class _LatticeAxis(NamedTuple):
     """Shape (n, k)."""
 
 
-def _lattice_axis(along: Floats, spread: float, reach: float, steps: float) -> _LatticeAxis:
-    """Return the rule for normal distributions about ``along``, with the error exp(-steps^2/2)."""
-    # The irradiance is band-limited to reach/(2 pi spread), so the aliasing error is
+def _lattice_axis(along: Floats, spread: float, extent: float, steps: float) -> _LatticeAxis:
+    """Return lattice nodes along an axis, and normal weights of the nodes near each point.
+
+    ``along`` (n,): coordinates of the points. ``extent``: extent of the source in coherence widths.
+    The error is exp(-steps^2/2).
+    """
+    # The irradiance is band-limited to extent/(2 pi spread), so the aliasing error is
     # exp(-steps^2/2).
-    step = 2 * math.pi * spread / (reach + steps)
+    step = 2 * math.pi * spread / (extent + steps)
     # No blur along this axis.
     if step <= 1e-12 * float(np.ptp(along)) or spread == 0.0:
         nodes, near = np.unique(along, return_inverse=True)
@@ -244,6 +261,8 @@ _LONGEST_TIME = 1e10
 
 
 class _TiltAxis(NamedTuple):
+    """Quadrature rule for tilts along an axis."""
+
     step: float
     """In cycles per metre."""
     half: int
@@ -253,18 +272,24 @@ class _TiltAxis(NamedTuple):
 
     @property
     def tilts(self) -> Floats:
+        """Tilts in cycles per metre, in ascending order."""
         return np.asarray(self.step * np.arange(-self.half, self.half + 1), np.float64)
 
 
-def _tilt_axis(tail: float, reach: float, width: float) -> _TiltAxis:
-    """Return the rule up to ``tail`` standard deviations, with steps of 2 pi/reach."""
-    step = 2 * math.pi / reach
+def _tilt_axis(tail: float, extent: float, width: float) -> _TiltAxis:
+    """Return a quadrature rule for tilts along an axis, up to ``tail`` standard deviations.
+
+    The step is 2 pi/extent standard deviations.
+    """
+    step = 2 * math.pi / extent
     half = math.ceil(tail / step)
     weights = np.exp(-0.5 * (step * np.arange(-half, half + 1)) ** 2)
     return _TiltAxis(step / (2 * math.pi * width), half, weights / weights.sum())
 
 
 class _TiltSum(NamedTuple):
+    """Source and quadrature rule of a mean over tilts."""
+
     source: Wavefront
     elements: Sequence[SourceElement]
     wavelength: float
@@ -281,9 +306,9 @@ def _in_spherical_waves(
     The other methods are sums over tilts (Q7) and over pairs of points (PC11).
     """
     tail = math.sqrt(2 * math.log(8 / error))
-    reaches = sides_of(source.bounds) / source.coherence_width + tail
-    count = math.prod((tail * reaches / math.pi + 1).tolist())
-    axes = [_tilt_axis(tail, reach, source.coherence_width) for reach in reaches.tolist()]
+    extents = sides_of(source.bounds) / source.coherence_width + tail
+    count = math.prod((tail * extents / math.pi + 1).tolist())
+    axes = [_tilt_axis(tail, extent, source.coherence_width) for extent in extents.tolist()]
     channels, form = channels_of(source, condition), normal_form(source)
     elements = form.in_plane.elements
     rates = largest_rates(source, points, wavelength)
@@ -296,7 +321,7 @@ def _in_spherical_waves(
         members = order[start : start + size]
         counts = [
             node_counts(
-                _cells(element.outline),
+                _trapezoids(element.outline),
                 rates[members].max(axis=0),
                 _QUADRATURE,
                 float(points[members, 2].min()),
@@ -345,7 +370,8 @@ def _summed_over_tilts(
 
 
 @lru_cache(maxsize=64)
-def _cells(outline: Aperture) -> Cells:
+def _trapezoids(outline: Aperture) -> Cells:
+    """Return the corners (n, 4, 2) of trapezoids that tile an outline, cached."""
     return trapezoids(outline.rings).corners
 
 
@@ -361,7 +387,7 @@ def _spectra(rule: _TiltSum, points: Floats, counts: Sequence[Indices]) -> Compl
     total = np.zeros((channels, halves[0], halves[1] * halves[2]), np.complex128)
     centre = np.reshape(rule.source.bounds, (2, 2)).mean(axis=0)
     for element, of_element in zip(rule.elements, counts, strict=True):
-        rules = cell_rules(_cells(element.outline), of_element)
+        rules = cell_rules(_trapezoids(element.outline), of_element)
         for nodes, weights in (pair for _, *parts in rules for pair in zip(*parts, strict=True)):
             x, y = nodes[:, 0, 0] - centre[0], nodes[..., 1] - centre[1]
             # All rows of a rectangle share their y coordinates.
@@ -371,16 +397,16 @@ def _spectra(rule: _TiltSum, points: Floats, counts: Sequence[Indices]) -> Compl
             step = max(1, _BATCH // (y.shape[1] * columns))
             for start in range(0, len(x), step):
                 block = slice(start, start + step)
-                waves = _waves(rows[block] if len(rows) > 1 else rows, along_y)
-                values = _samples(rule, element, nodes[block], weights[block], points)
-                inner[:, block] = _product(waves, values)
+                waves = _cosines_and_sines(rows[block] if len(rows) > 1 else rows, along_y)
+                values = _integrand(rule, element, nodes[block], weights[block], points)
+                inner[:, block] = _real_product(waves, values)
             inner *= element.weight
-            waves = _waves(x, along_x)
-            total += _product(waves, inner.reshape(channels, len(x), -1))
+            waves = _cosines_and_sines(x, along_x)
+            total += _real_product(waves, inner.reshape(channels, len(x), -1))
     return total.reshape(channels, *halves)
 
 
-def _samples(
+def _integrand(
     rule: _TiltSum, element: SourceElement, nodes: Floats, weights: Floats, points: Floats
 ) -> Complex:
     """Return the weighted integrand of (Q7) without tilt, with axes (channel, row, node, point)."""
@@ -405,7 +431,7 @@ def _samples(
     return np.stack(samples)
 
 
-def _waves(x: Floats, axis: _TiltAxis) -> Floats:
+def _cosines_and_sines(x: Floats, axis: _TiltAxis) -> Floats:
     """Return cos(2 pi x t), then sin(2 pi x t), for t >= 0, shape (..., 2 (half + 1), n)."""
     factor = np.exp(2j * math.pi * axis.step * x)[..., None, :]
     powers = np.repeat(factor, axis.half + 1, axis=-2)
@@ -422,6 +448,6 @@ def _of_both_signs(sums: Complex, axis: int) -> Complex:
     return np.concatenate([negative, cosines + sines], axis=axis)
 
 
-def _product(table: Floats, values: Complex) -> Complex:
+def _real_product(table: Floats, values: Complex) -> Complex:
     """Multiply a real matrix by a complex matrix, for which BLAS has no function."""
     return np.asarray((table @ values.view(np.float64)).view(np.complex128))

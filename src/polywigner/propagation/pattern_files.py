@@ -156,6 +156,7 @@ def read_nearest_pattern(path: str | os.PathLike[str], frequency: float) -> xarr
 def _read(
     path: str | os.PathLike[str], frequency: float | None, tolerance: float
 ) -> xarray.Dataset:
+    """Read a pattern at ``frequency``, within a relative ``tolerance`` of the file's frequency."""
     file = checked_path(path)
     suffix = file.suffix.lower()
     try:
@@ -163,13 +164,14 @@ def _read(
         lines = text_of(bytes_of(file)).splitlines()
         check_most(len(lines), MOST_DIRECTIONS + 10, "lines", "export coarser steps")
         if suffix not in LOADERS:
-            return _planning_cuts(lines)
-        return _dataset(_selected(list(LOADERS[suffix](lines)), frequency, tolerance))
+            return _msi_pattern(lines)
+        return _pattern_of(_at_frequency(list(LOADERS[suffix](lines)), frequency, tolerance))
     except PolywignerError as error:
         raise FileFormatError(f"{file}: {error}") from None
 
 
 def _check_suffix(suffix: str, known: Iterable[str]) -> None:
+    """Raise FileFormatError unless a suffix such as ".ffd" is one of the known ones."""
     if suffix not in known:
         raise FileFormatError(
             f"the suffix {suffix or 'none'!r} of the pattern file is not supported; use one of "
@@ -177,9 +179,10 @@ def _check_suffix(suffix: str, known: Iterable[str]) -> None:
         )
 
 
-def _selected(
+def _at_frequency(
     tables: list[FarFieldTable], frequency: float | None, tolerance: float
 ) -> FarFieldTable:
+    """Return the far field at a frequency in Hz; raise FileFormatError if there is none."""
     if not tables:
         raise FileFormatError("the file contains no far field")
     known = np.array([table.frequency for table in tables])
@@ -203,7 +206,8 @@ def _selected(
     return tables[nearest]
 
 
-def _dataset(table: FarFieldTable) -> xarray.Dataset:
+def _pattern_of(table: FarFieldTable) -> xarray.Dataset:
+    """Return a far field from a file as the pattern of a polarised source."""
     if len(np.unique(np.stack([table.theta, table.phi]).round(6), axis=1).T) < len(table.theta):
         raise FileFormatError(
             "some directions occur several times in the file; keep one row for each direction"
@@ -223,17 +227,17 @@ def _dataset(table: FarFieldTable) -> xarray.Dataset:
         theta, phi, (polar, azimuthal) = _gridded(*flat)
         power = _radiated_power(table, ElementPattern(theta, phi, (polar, azimuthal)).power(0.0))
     levels = decibels(np.square(np.abs(polar)) + np.square(np.abs(azimuthal)), power)
-    sine, cosine = np.sin(phi), np.cos(phi)
-    along = polar * cosine - azimuthal * sine, polar * sine + azimuthal * cosine
+    along = polar_components(polar, azimuthal, -phi)
     peak = np.unravel_index(levels.argmax(), levels.shape)
-    about = _about(theta, phi, levels, table.frequency, power)
+    about = _attributes(theta, phi, levels, table.frequency, power)
     jones = jones_of((along[0][peak], along[1][peak]))
-    return vector_dataset(angle_axes(theta, phi), levels, along, jones, about)
+    return vector_dataset(angle_axes(theta=theta, phi=phi), levels, along, jones, about)
 
 
-def _about(
+def _attributes(
     theta: Floats, phi: Floats, levels: Floats, frequency: float, power: float
 ) -> dict[str, float]:
+    """Return the attributes of a pattern with levels (n, m) in dBi, including its beam."""
     row, column = np.unravel_index(levels.argmax(), levels.shape)
     return {
         "wavelength": SPEED_OF_LIGHT / frequency,
@@ -319,7 +323,8 @@ def _radiated_power(table: FarFieldTable, integral: float) -> float:
 _GAIN = re.compile(r"([-+]?\d+\.?\d*(?:e[-+]?\d+)?)\s*(dBi|dBd)?", re.IGNORECASE)
 
 
-def _planning_cuts(lines: list[str]) -> xarray.Dataset:
+def _msi_pattern(lines: list[str]) -> xarray.Dataset:
+    """Return the horizontal and the vertical cut of an MSI file as a pattern."""
     words = [line.split() for line in lines]
     values = {word[0].upper(): " ".join(word[1:]) for word in words if word}
     match = _GAIN.fullmatch(values.get("GAIN", ""))
@@ -335,7 +340,7 @@ def _planning_cuts(lines: list[str]) -> xarray.Dataset:
     is_band = not text or "-" in text
     has_unit = text.lower().endswith("hz")
     frequency = math.nan if is_band else parse_frequency(text if has_unit else f"{text} MHz")
-    cuts = [_planning_cut(name, words, lines) for name in ("HORIZONTAL", "VERTICAL")]
+    cuts = [_msi_cut(name, words, lines) for name in ("HORIZONTAL", "VERTICAL")]
     angles = cuts[0][0]
     if not np.array_equal(angles, cuts[1][0]):
         raise FileFormatError(
@@ -349,11 +354,12 @@ def _planning_cuts(lines: list[str]) -> xarray.Dataset:
     levels = np.concatenate([levels, levels[back]])
     order = np.argsort(theta)
     theta, levels, phi = np.radians(theta[order]), levels[order], np.array([0.0, math.pi / 2])
-    about = _about(theta, phi, levels, frequency, math.nan)
-    return described(None, angle_axes(theta, phi), {"directivity": levels}, about)
+    about = _attributes(theta, phi, levels, frequency, math.nan)
+    return described(None, angle_axes(theta=theta, phi=phi), {"directivity": levels}, about)
 
 
-def _planning_cut(name: str, words: list[list[str]], lines: list[str]) -> tuple[Floats, Floats]:
+def _msi_cut(name: str, words: list[list[str]], lines: list[str]) -> tuple[Floats, Floats]:
+    """Return angles in degrees and attenuations in dB of the "HORIZONTAL" or "VERTICAL" cut."""
     at = [k for k, word in enumerate(words) if word[:1] and word[0].upper() == name]
     if len(at) != 1 or not words[at[0]][1:2] or not words[at[0]][1].isdecimal():
         raise FileFormatError(f"expected exactly one line with {name} and the number of angles")
@@ -378,6 +384,8 @@ _AXIAL_RATIO = 40.0
 
 @dataclass(frozen=True)
 class _Pattern:
+    """A pattern with the angles, units and phases of files."""
+
     theta: Floats
     """In degrees, shape (n,)."""
     phi: Floats
@@ -390,6 +398,7 @@ class _Pattern:
     """In Hz, W and dBi."""
 
     def rows(self, *columns: Floats) -> Iterator[tuple[float, ...]]:
+        """Yield phi, theta and the values of columns (n, m); theta varies fastest."""
         phi, theta = np.meshgrid(self.phi, self.theta, indexing="ij")
         table = [phi, theta, *(column.T for column in columns)]
         return zip(*(values.ravel().tolist() for values in table), strict=True)
@@ -461,14 +470,16 @@ def write_pattern(
     """
     file = checked_path(path)
     writers = {
-        ".csv": _csv, ".txt": _cst, ".ffd": _ffd, ".cut": _grasp, ".msi": _msi, ".pln": _msi,
+        ".csv": _csv_lines, ".txt": _cst_lines, ".ffd": _ffd_lines, ".cut": _grasp_lines,
+        ".msi": _msi_lines, ".pln": _msi_lines,
     }  # fmt: skip
     suffix = file.suffix.lower()
     _check_suffix(suffix, writers)
-    write_lines(file, writers[suffix](_checked(pattern, polarisation, efficiency)))
+    write_lines(file, writers[suffix](_file_pattern(pattern, polarisation, efficiency)))
 
 
-def _checked(pattern: Any, polarisation: Any, efficiency: float) -> _Pattern:
+def _file_pattern(pattern: Any, polarisation: Any, efficiency: float) -> _Pattern:
+    """Return a pattern as files contain it; raise ArgumentError for invalid arguments."""
     checked_pattern(pattern)
     if "field" not in pattern:
         raise ArgumentError(
@@ -493,7 +504,8 @@ def _checked(pattern: Any, polarisation: Any, efficiency: float) -> _Pattern:
     return _Pattern(np.degrees(theta), np.degrees(phi), np.maximum(levels, FLOOR), (a, b), about)
 
 
-def _csv(pattern: _Pattern) -> Lines:
+def _csv_lines(pattern: _Pattern) -> Lines:
+    """Yield the lines of a report in the format of HFSS."""
     names = [f"{part}(rE{name}) [V]" for name in ("Theta", "Phi") for part in ("re", "im")]
     yield ",".join(["Phi [deg]", "Theta [deg]", "dB(DirTotal)", *names])
     parts = [part for field in pattern.components for part in (field.real, field.imag)]
@@ -501,7 +513,8 @@ def _csv(pattern: _Pattern) -> Lines:
         yield ",".join(f"{value:.9g}" for value in row)
 
 
-def _cst(pattern: _Pattern) -> Lines:
+def _cst_lines(pattern: _Pattern) -> Lines:
+    """Yield the lines of a far-field table in the format of CST."""
     heading = (
         "Theta [deg.]  Phi   [deg.]  Abs(Dir.)[dBi   ]   Abs(Theta)[dBi   ]  Phase(Theta)[deg.]  "
         "Abs(Phi  )[dBi   ]  Phase(Phi  )[deg.]  Ax.Ratio[dB    ]"
@@ -519,36 +532,40 @@ def _cst(pattern: _Pattern) -> Lines:
         yield " ".join(f"{value:14.6f}" for value in (theta, phi, *values))
 
 
-def _ffd(pattern: _Pattern) -> Lines:
+def _ffd_lines(pattern: _Pattern) -> Lines:
+    """Yield the lines of far-field data in the format of HFSS."""
     if pattern.theta.min() < 0:
         raise ArgumentError(
             "an .ffd file requires theta from 0 to 180 degrees, got theta = "
             f"{pattern.theta.min():g} degrees; replace negative theta by phi over the full circle"
         )
     for name, angles in (("theta", pattern.theta), ("phi", pattern.phi)):
-        _step(name, angles, ".ffd")
+        _even_step(name, angles, ".ffd")
         yield f"{angles[0]:.9g} {angles[-1]:.9g} {len(angles)}"
     yield "Frequencies 1"
     yield f"Frequency {pattern.about['frequency']:.12g}"
-    yield from _pairs(*(component.ravel() for component in pattern.components))
+    yield from _field_lines(*(component.ravel() for component in pattern.components))
 
 
-def _grasp(pattern: _Pattern) -> Lines:
-    step = _step("theta", pattern.theta, ".cut")
+def _grasp_lines(pattern: _Pattern) -> Lines:
+    """Yield the lines of polar cuts in the format of GRASP."""
+    step = _even_step("theta", pattern.theta, ".cut")
     # |E|^2 is the directivity 4 pi |rE|^2/(2 Z0)/P.
     scale = math.sqrt(4 * math.pi / (2 * FREE_SPACE * pattern.about["radiated_power"]))
     for j, phi in enumerate(pattern.phi):
         yield f"polywigner, {pattern.about['frequency']:.12g} Hz, phi = {phi:.9g} deg"
         yield f"{pattern.theta[0]:.9g} {step:.9g} {len(pattern.theta)} {phi:.9g} 1 1 2"
-        yield from _pairs(*(scale * component[:, j] for component in pattern.components))
+        yield from _field_lines(*(scale * component[:, j] for component in pattern.components))
 
 
-def _pairs(first: Complex, second: Complex) -> Lines:
+def _field_lines(first: Complex, second: Complex) -> Lines:
+    """Yield a line with real and imaginary parts of two field components for each direction."""
     for a, b in zip(first, second, strict=True):
         yield f"{a.real:.9e} {a.imag:.9e} {b.real:.9e} {b.imag:.9e}"
 
 
-def _msi(pattern: _Pattern) -> Lines:
+def _msi_lines(pattern: _Pattern) -> Lines:
+    """Yield the lines of an MSI file with a horizontal and a vertical cut."""
     peak = pattern.about["peak_directivity"]
     yield "NAME polywigner"
     yield "MAKE polywigner"
@@ -573,9 +590,9 @@ def _full_cut(pattern: _Pattern, phi: float) -> tuple[Floats, Floats]:
     for angle, theta, levels in meridians:
         offset = (math.degrees(angle) - phi) % 360.0
         same, opposite = min(offset, 360.0 - offset) < 1e-6, abs(offset - 180.0) < 1e-6
-        reach = np.degrees(theta)
-        if (same or opposite) and reach.min() <= -90 + 1e-6 and reach.max() >= 90 - 1e-6:
-            return (reach, levels) if same else (-reach[::-1], levels[::-1])
+        degrees = np.degrees(theta)
+        if (same or opposite) and degrees.min() <= -90 + 1e-6 and degrees.max() >= 90 - 1e-6:
+            return (degrees, levels) if same else (-degrees[::-1], levels[::-1])
     raise ArgumentError(
         f"an .msi file requires a cut at phi = {phi:g} degrees with theta from -90 to 90 degrees, "
         f"got phi = {', '.join(f'{a:g}' for a in pattern.phi[:8])} and theta from "
@@ -584,7 +601,8 @@ def _full_cut(pattern: _Pattern, phi: float) -> tuple[Floats, Floats]:
     )
 
 
-def _step(name: str, angles: Floats, suffix: str) -> float:
+def _even_step(name: str, angles: Floats, suffix: str) -> float:
+    """Return the step of angles in degrees; raise ArgumentError if they are not evenly spaced."""
     steps = np.diff(angles)
     if steps.size and np.ptp(steps) > 1e-6 * abs(angles[-1] - angles[0]):
         raise ArgumentError(

@@ -152,7 +152,7 @@ def radiation_pattern(
     polar, azimuth = checked_theta_and_phi(theta, phi)
     far = checked_far_field(source, wavelength, options)
     values = far.grid(polar, azimuth)
-    return _dataset(far, values, unit_vectors(polar, azimuth), angle_axes(polar, azimuth))
+    return _dataset(far, values, unit_vectors(polar, azimuth), angle_axes(theta=polar, phi=azimuth))
 
 
 @takes_frequency
@@ -207,15 +207,16 @@ def beam_cuts(
 
 
 def _great_circles(far: FarField, step: float) -> xarray.Dataset:
+    """Return the pattern along two great circles through the beam, with steps of ``step`` rad."""
     largest, theta, phi = far.beam
     is_normal = float(far.intensity(np.array([0.0, 0.0, 1.0]))) > largest * 10 ** (-_NORMAL / 10)
-    reach = math.pi if far.goes_backwards else math.pi / 2 + theta
+    limit = math.pi if far.goes_backwards else math.pi / 2 + theta
     beam, outwards = unit_vectors(np.array([theta, theta + math.pi / 2]), np.array([phi]))[:, 0]
     around = np.array([-math.sin(phi), math.cos(phi), 0.0])
     rotation = -phi if is_normal else 0.0
     sine, cosine = math.sin(rotation), math.cos(rotation)
     tangents = np.array([cosine * outwards + sine * around, cosine * around - sine * outwards])
-    count = math.ceil(reach / step - 1e-9)
+    count = math.ceil(limit / step - 1e-9)
     angle = np.asarray(step * np.arange(-count, count + 1), np.float64)
     directions = np.cos(angle)[:, None] * beam + np.sin(angle)[:, None] * tangents[:, None]
     azimuths = (rotation + phi + np.array([0.0, math.pi / 2])) % (2 * math.pi)
@@ -238,6 +239,7 @@ def _great_circles(far: FarField, step: float) -> xarray.Dataset:
 def _dataset(
     far: FarField, values: Values, directions: Values, axes: dict[str, xarray.Variable]
 ) -> xarray.Dataset:
+    """Return a pattern from field values in given directions, with attributes of the beam."""
     power, energy = far.powers
     largest, theta, phi = far.beam
     squares = np.square(np.abs(values))
@@ -306,6 +308,7 @@ def decibels(intensity: Values, power: float) -> Values:
 
 
 def _discrimination(co: Values, cross: Values) -> Values:
+    """Return the ratio of co- to cross-polar field in dB."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(20 * np.log10(np.abs(co) / np.abs(cross)))
 
@@ -378,6 +381,7 @@ def checked_pattern(pattern: Any) -> tuple[Floats, Floats, Floats, dict[str, flo
 def _checked_levels(
     pattern: Any, axes: tuple[str, str]
 ) -> tuple[NDArray[Any], Floats, Floats, dict[str, float]]:
+    """Return both axes of a pattern, directivity in dBi, and numerical attributes."""
     names = dict(zip(axes, axes, strict=True)) | {"directivity": " ".join(axes)}
     first, second, levels, *values = arrays_of(
         pattern, names, "polywigner.radiation_pattern", *_ATTRIBUTES
@@ -387,9 +391,10 @@ def _checked_levels(
     return first, second, levels, dict(zip(_ATTRIBUTES, map(float, values), strict=True))
 
 
-def _cross_polar(
+def _cross_levels(
     pattern: Any, axes: tuple[str, str], about: dict[str, float], levels: Floats
 ) -> Floats:
+    """Return the cross-polar directivity in dBi, or ``levels`` for a scalar pattern."""
     if "cross_field" not in pattern:
         return levels
     values = pattern["cross_field"].transpose(*axes).values
@@ -431,7 +436,7 @@ def cuts_in(pattern: Any) -> list[Cut]:
     """Return the meridians of a pattern, or the great circles of :func:`beam_cuts`."""
     if "cut" not in getattr(pattern, "dims", ()):
         theta, phi, levels, about = checked_pattern(pattern)
-        crossed = _cross_polar(pattern, ("theta", "phi"), about, levels)
+        crossed = _cross_levels(pattern, ("theta", "phi"), about, levels)
         fronts = (front_of(theta, part) for part in (levels, crossed))
         co, cross = (cuts_of(angles, phi, part) for angles, part in fronts)
         cuts = [
@@ -440,7 +445,7 @@ def cuts_in(pattern: Any) -> list[Cut]:
         ]
     else:
         kinds, angles, levels, about = _checked_levels(pattern, ("cut", "angle"))
-        crossed = _cross_polar(pattern, ("cut", "angle"), about, levels)
+        crossed = _cross_levels(pattern, ("cut", "angle"), about, levels)
         azimuths = pattern["azimuth"].values.tolist()
         cuts = [
             Cut(azimuths[k], angles[ahead], levels[k, ahead], kinds.item(k), crossed[k, ahead])

@@ -33,15 +33,23 @@ _AXES = ("x", "y", "z")
 
 
 def checked_theta_and_phi(theta: Any, phi: Any) -> tuple[Floats, Floats]:
+    """Return angles theta and phi in rad; raise ArgumentError for other values."""
     return checked_angles(theta, "theta", math.pi), checked_angles(phi, "phi", math.inf)
 
 
-def angle_axes(theta: Floats, phi: Floats) -> dict[str, xarray.Variable]:
-    """Return the coordinates theta and phi of a dataset, in rad."""
-    axes = {"theta": (theta, "angle from z"), "phi": (phi, "angle from x")}
+_ANGLES = {
+    "theta": "angle from z",
+    "phi": "angle from x",
+    "azimuth": "angle about z from x",
+    "elevation": "angle above z = 0",
+}
+
+
+def angle_axes(**angles: Floats) -> dict[str, xarray.Variable]:
+    """Return angles in rad, with names in `_ANGLES`, as coordinates of a dataset."""
     return {
-        name: labelled_array(values, (name,), {"units": "rad", "long_name": meaning})
-        for name, (values, meaning) in axes.items()
+        name: labelled_array(values, (name,), {"units": "rad", "long_name": _ANGLES[name]})
+        for name, values in angles.items()
     }
 
 
@@ -78,11 +86,13 @@ DEFAULT_TOLERANCE = 1e-9
 _LEAST = 1e-13
 
 
-def checked_coordinates(points: Any, expected: str, *shape: int) -> Floats:
-    return finite_array(points, f"{expected}, in metres", (..., *shape))
+def checked_coordinates(points: Any, expected: str, components: int) -> Floats:
+    """Return finite coordinates (..., components) in m; errors start with ``expected``."""
+    return finite_array(points, f"{expected}, in metres", (..., components))
 
 
 def checked_points(points: Any) -> Floats:
+    """Return points (..., 3) in m with z > 0; raise ArgumentError for other values."""
     expected = (
         "expected points to be real numbers of shape (..., 3), with x, y and z along the last axis"
     )
@@ -113,6 +123,7 @@ def tolerance_from(
 
 
 def checked_method(method: Any, allowed: Collection[str] = METHODS) -> str:
+    """Return the name of a method; raise ArgumentError if it is not allowed."""
     return checked_choice(method, "method", allowed)
 
 
@@ -129,6 +140,8 @@ def warn_of_missed(errors: Floats, allowed: Floats, what: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Grid:
+    """A grid of points, with its axes as coordinates of a dataset."""
+
     coords: dict[str, xarray.Variable]
     """Axes in m or rad."""
     points_at: Callable[..., Floats]
@@ -136,6 +149,7 @@ class Grid:
 
     @property
     def shape(self) -> Index:
+        """Number of points along each axis."""
         return tuple(axis.size for axis in self.coords.values())
 
     def points(self, first: Index, shape: Index) -> Floats:
@@ -144,12 +158,14 @@ class Grid:
         return self.points_at(*(axis.values[start : start + count] for axis, start, count in axes))
 
 
-def _straight(origin: Floats, directions: Floats, *along: Floats) -> Floats:
+def _affine(origin: Floats, directions: Floats, *along: Floats) -> Floats:
+    """Return points (n, m, ..., 3) from an origin and distances along directions (k, 3)."""
     steps = (a[..., None] * e for a, e in zip(np.ix_(*along), directions, strict=True))
     return np.asarray(sum(steps, origin))
 
 
 def _spherical(centre: Floats, radius: float, theta: Floats, phi: Floats) -> Floats:
+    """Return points (n, m, 3) on a sphere about ``centre``, at angles in rad."""
     return centre + radius * unit_vectors(theta, phi)
 
 
@@ -163,13 +179,13 @@ def box_grid(box: Any, shape: Any) -> Grid:
         )
     counts = _counts(shape, 3)
     spans = dict(zip(_AXES, zip(low, high, counts, strict=True), strict=True))
-    return _straight_grid(spans, np.zeros(3), np.eye(3))
+    return _affine_grid(spans, np.zeros(3), np.eye(3))
 
 
 def plane_grid(where: Any, shape: Any) -> Grid:
     """Return a grid on a rectangle, specified by a flat box or by three corners."""
     expected = "expected a plane as a box (2, 3) of zero thickness, or as three corners (3, 3)"
-    corners = _checked(where, expected, 3)
+    corners = finite_array(where, f"{expected}, in metres", (2, 3), (3, 3))
     counts = _counts(shape, 2)
     if corners.shape == (2, 3):
         low, high = corners
@@ -182,9 +198,7 @@ def plane_grid(where: Any, shape: Any) -> Grid:
         sides = [k for k in range(3) if k != flat[0]]
         spans = {_AXES[k]: (low[k], high[k], n) for k, n in zip(sides, counts, strict=True)}
         origin = np.where(np.arange(3) == flat[0], low, 0.0)
-        return _straight_grid(spans, origin, np.eye(3)[sides])
-    if corners.shape != (3, 3):
-        raise ArgumentError(f"{expected}, in m, got shape {corners.shape}")
+        return _affine_grid(spans, origin, np.eye(3)[sides])
     along = corners[1:] - corners[0]
     lengths = np.linalg.norm(along, axis=1)
     if not lengths.all() or abs(along[0] @ along[1]) > 1e-9 * lengths.prod():
@@ -193,7 +207,7 @@ def plane_grid(where: Any, shape: Any) -> Grid:
             f"sides {along[0].tolist()} and {along[1].tolist()} that are not perpendicular"
         )
     spans = {name: (0.0, lengths[k], counts[k]) for k, name in enumerate(("u", "v"))}
-    return _straight_grid(spans, corners[0], along / lengths[:, None])
+    return _affine_grid(spans, corners[0], along / lengths[:, None])
 
 
 def line_grid(ends: Any, samples: Any) -> Grid:
@@ -205,48 +219,48 @@ def line_grid(ends: Any, samples: Any) -> Grid:
             f"expected a line between two different points, got {start.tolist()} twice"
         )
     count = checked_count(samples, "samples", 1)
-    return _straight_grid({"distance": (0.0, length, count)}, start, (end - start)[None] / length)
+    return _affine_grid({"distance": (0.0, length, count)}, start, (end - start)[None] / length)
 
 
 def hemisphere_grid(radius: Any, theta: Any, phi: Any, centre: Any) -> Grid:
     """Return a grid on a hemisphere, with the axes theta and phi."""
     length = checked_length(radius, "radius")
-    origin = _checked(centre, "expected a centre of shape (3,)", 3)
-    if origin.ndim != 1:
-        raise ArgumentError(f"expected a centre of shape (3,), in metres, got shape {origin.shape}")
+    origin = finite_array(centre, "expected a centre of shape (3,), in metres", (3,))
     points_at = partial(_spherical, origin, length)
-    grid = Grid(angle_axes(*checked_theta_and_phi(theta, phi)), points_at)
+    angles = checked_theta_and_phi(theta, phi)
+    grid = Grid(angle_axes(theta=angles[0], phi=angles[1]), points_at)
     checked_points(grid.points((0, 0), grid.shape))
     return grid
 
 
-def _straight_grid(
+def _affine_grid(
     spans: dict[str, tuple[float, float, int]], origin: Floats, directions: Floats
 ) -> Grid:
+    """Return a grid of points from an origin and distances along directions (k, 3).
+
+    ``spans``: name, first value, last value and number of points of each axis.
+    """
     axes = {
-        name: labelled_array(_span(*span), (name,), {"units": "m"}) for name, span in spans.items()
+        name: labelled_array(_axis(*span), (name,), {"units": "m"}) for name, span in spans.items()
     }
-    points_at = partial(_straight, origin, directions)
+    points_at = partial(_affine, origin, directions)
     checked_points(points_at(*(np.array([low, high]) for low, high, _ in spans.values())))
     return Grid(axes, points_at)
 
 
-def _span(low: float, high: float, count: int) -> Floats:
+def _axis(low: float, high: float, count: int) -> Floats:
+    """Return evenly spaced values, or the midpoint if ``count`` is 1."""
     return np.linspace(low, high, count) if count > 1 else np.array([low / 2 + high / 2])
 
 
 def _corners(name: str, corners: Any, which: str) -> Floats:
-    return _checked(corners, f"expected a {name} as two points of shape (2, 3), the {which}", 2, 3)
-
-
-def _checked(values: Any, expected: str, *shape: int) -> Floats:
-    array = checked_coordinates(values, expected, *shape)
-    if array.ndim > 2 or array.size > 9:
-        raise ArgumentError(f"{expected}, in metres, got shape {array.shape}")
-    return array
+    """Return two points (2, 3) in m; ``name`` and ``which`` are used in error messages."""
+    expected = f"expected a {name} as two points of shape (2, 3), the {which}, in metres"
+    return finite_array(corners, expected, (2, 3))
 
 
 def _counts(shape: Any, dimensions: int) -> Index:
+    """Return numbers of points; raise ArgumentError unless there is one for each dimension."""
     is_row = isinstance(shape, Sequence) or np.ndim(shape) == 1
     if not is_row or isinstance(shape, (str, bytes)) or len(shape) != dimensions:
         raise ArgumentError(f"expected shape to be {dimensions} integers, got {value_text(shape)}")

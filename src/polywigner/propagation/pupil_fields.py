@@ -57,6 +57,7 @@ def aberrated_spectrum(
     some = np.unique(np.linspace(0, max(len(nu) - 1, 0), _CHECKED).astype(int))[: len(nu)]
 
     def evaluate(extra: int, points: Floats) -> Complex:
+        """Return the transform at ``points`` with ``extra`` additional nodes."""
         sums = element_sums(pupil, points, band, extra, tolerance, centre=centre)
         weighted = (weight * row for weight, (row,) in zip(pupil.weights, sums, strict=True))
         return np.asarray(sum(weighted))
@@ -109,7 +110,7 @@ def _lattice_sum(lattice: FrequencyLattice, nodes: Floats, field: Complex) -> Co
             f"at most {_MOST:.0e} are allowed; use fewer points, or a grid along x and y"
         )
     if lattice.index is None:
-        return lattice.summed(nodes.reshape(-1, 2), field.ravel())
+        return lattice.fourier_sum(nodes.reshape(-1, 2), field.ravel())
     x, y = nodes[:, 0, 0], nodes[..., 1]
     total: Any = 0.0
     rows = max(1, _BLOCK // max(1, y.shape[1] * len(lattice.axes[1])))
@@ -122,17 +123,21 @@ def _lattice_sum(lattice: FrequencyLattice, nodes: Floats, field: Complex) -> Co
 
 
 @dataclass(frozen=True, eq=False)
-class _OfSpectrum:
+class _Derivatives:
+    """Derivatives of an aberrated pupil's Fourier transform at n frequencies."""
+
     pupil: AberratedPupil
     nu: Floats
     extra: int
     error: float
 
     def _sums(self, factors: Callable[[Floats, Floats], Floats] | None = None) -> Iterator[Complex]:
+        """Yield the Fourier transforms of unweighted elements times factors, as element_sums."""
         band = band_of(self.nu)
         return element_sums(self.pupil, self.nu, band, self.extra, self.error, factors)
 
     def vertices(self) -> Complex:
+        """Return the derivatives with respect to the coordinates of all vertices."""
         pupil, parts = self.pupil, []
         largest = np.abs(np.stack(band_of(self.nu))).max(axis=0)
         for k, edges in enumerate(edges_of(pupil)):
@@ -147,10 +152,12 @@ class _OfSpectrum:
         return np.concatenate(parts, axis=1)
 
     def weights(self) -> tuple[Complex, Complex]:
+        """Return the derivatives with respect to weights (n, elements), and to their conjugates."""
         by_weight = np.stack([row for (row,) in self._sums()], axis=1)
         return by_weight, np.zeros_like(by_weight)
 
     def coefficients(self) -> Complex:
+        """Return the derivatives with respect to the coefficients of the aberration."""
         path = self.pupil.aberration
         assert path is not None
         sums = self._sums(path.modes)
@@ -173,9 +180,9 @@ def aberrated_fresnel_field(
         pupil = AberratedPupil.of(source, aberration, wavelength, 0.5 / scale)
         nu = points[some, :2] / scale
         values, error, _ = aberrated_spectrum(pupil, nu, tolerance)
-        turns = math.fmod(z, wavelength) / wavelength
-        turns = turns + 0.5 * np.square(points[some, :2]).sum(axis=1) / scale
-        field[some] = waves_of_cycles(turns) * values / (1j * scale)
+        cycles = math.fmod(z, wavelength) / wavelength
+        cycles = cycles + 0.5 * np.square(points[some, :2]).sum(axis=1) / scale
+        field[some] = waves_of_cycles(cycles) * values / (1j * scale)
         errors[some] = error / scale
     return field, errors
 
@@ -290,7 +297,7 @@ def psf(
             aberrated = AberratedPupil.of(part, aberration, length, bend / (2.0 * length))
             nu = image_points.reshape(-1, 2) / scale
             values, _, extra = aberrated_spectrum(aberrated, nu, allowed)
-            jets = numbers.joined(values, _OfSpectrum(aberrated, nu, extra, allowed)) / scale
+            jets = numbers.joined(values, _Derivatives(aberrated, nu, extra, allowed)) / scale
         total = total + fraction * squared_modulus(jets)
     energy = pupil.energy_jets(plain, aberrated, numbers, allowed)
     return numbers.result(quotient(total, energy), image_points.shape[:-1], is_complex=False)

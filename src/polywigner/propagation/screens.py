@@ -39,7 +39,7 @@ _AT_CORNER, _BESIDE_CORNER = 1e-10, 1e-9
 _PAIRS = 1 << 15
 
 
-def incident_of_point(source: Position | Floats, points: Floats, wavelength: float) -> Complex:
+def spherical_field(source: Position | Floats, points: Floats, wavelength: float) -> Complex:
     """Return the spherical wave ``exp(ikR)/R`` of a point source."""
     distance = np.linalg.norm(points - source, axis=1)
     return np.asarray(waves_of_cycles(distance / wavelength) / distance)
@@ -70,7 +70,7 @@ def waves_through(
     for block in (slice(low, low + step) for low in range(0, len(points), step)):
         at = points[block] / wavelength
         shift = _SHIFT * np.linalg.norm(at - position, axis=1)[:, None] * _ASIDE
-        incident = incident_of_point(position, at, 1.0) / wavelength
+        incident = spherical_field(position, at, 1.0) / wavelength
         path = tuple(position), tuple(at.T), start, stop
         aside = tuple((at + shift).T)
         real, imag = edge_wave(_OPS, _RULE, *path, aside)
@@ -79,7 +79,7 @@ def waves_through(
         errors[block] = _ERROR * abs(incident)
         if mirrored:
             at = np.where((at == image).all(axis=1)[:, None], at + shift, at)
-            reflected = incident_of_point(image, at, 1.0) / wavelength
+            reflected = spherical_field(image, at, 1.0) / wavelength
             real, imag = edge_wave(_OPS, _RULE, tuple(image), tuple(at.T), start, stop)
             waves = (real + 1j * imag).sum(axis=0)
             field[block] += mirrored * reflected * waves / (2 * math.pi)
@@ -88,6 +88,7 @@ def waves_through(
 
 
 def _on_corner_lines(corners: Floats, source: Floats, points: Floats) -> NDArray[np.bool_]:
+    """Return a mask of points (n, 3) close to a line from the source through a corner (k, 2)."""
     near = np.zeros(len(points), np.bool_)
     away = points - source
     lengths = np.linalg.norm(away, axis=1)
@@ -126,7 +127,7 @@ class PointSource:
     amplitude: complex = 1.0
 
     def __init__(self, position: ArrayLike, amplitude: complex = 1.0) -> None:
-        object.__setattr__(self, "position", _three(position, "position", "in m"))
+        object.__setattr__(self, "position", _three_numbers(position, "position", "in m"))
         object.__setattr__(self, "amplitude", _checked_amplitude(amplitude))
 
 
@@ -158,7 +159,7 @@ class PlaneWave:
     amplitude: complex = 1.0
 
     def __init__(self, direction: ArrayLike, amplitude: complex = 1.0) -> None:
-        ahead = _three(direction, "direction", "of any length")
+        ahead = _three_numbers(direction, "direction", "of any length")
         if not ahead[2] > 0:
             raise ArgumentError(
                 f"direction must have z > 0 (from the front to the back of the screen), got {ahead}"
@@ -246,7 +247,7 @@ def field_of_screen(
     light = screen.illuminated_by
     if isinstance(light, PointSource):
         mirrored = CONDITIONS[method].mirrored
-        incident = light.amplitude * incident_of_point(light.position, points, wavelength)
+        incident = light.amplitude * spherical_field(light.position, points, wavelength)
         field, errors = waves_through(screen.outline, light.position, points, wavelength, mirrored)
         through, errors = light.amplitude * field, abs(light.amplitude) * errors
     else:
@@ -261,13 +262,15 @@ def field_of_screen(
     return (incident - through if screen.kind == "plate" else through), errors
 
 
-def _three(value: Any, name: str, meaning: str) -> tuple[float, float, float]:
+def _three_numbers(value: Any, name: str, meaning: str) -> tuple[float, float, float]:
+    """Return three finite floats; raise ArgumentError for other values."""
     expected = f"expected {name} to be three finite numbers {meaning}"
     x, y, z = (finite_array(value, expected, (3,)) + 0.0).tolist()
     return x, y, z
 
 
 def _checked_amplitude(value: complex) -> complex:
+    """Return a finite amplitude as a float or complex; raise ArgumentError for others."""
     if not isinstance(value, numbers.Number) or not np.isfinite(complex(value)):
         raise ArgumentError(
             f"expected amplitude to be a finite complex number, got {value_text(value)}"

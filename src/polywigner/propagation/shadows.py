@@ -208,6 +208,8 @@ def _seen(
 
 @dataclass(frozen=True)
 class _Edges:
+    """Silhouette edges of all source points, grouped by the surfaces behind them."""
+
     groups: list[tuple[Floats, Blocker | None]]
     """Edges (k, 17) by blocker: source point (7), both ends (6), plane of the face behind (4)."""
     targets: Targets
@@ -215,6 +217,7 @@ class _Edges:
 
     @property
     def count(self) -> int:
+        """Number of edges in all groups."""
         return sum(len(rows) for rows, _ in self.groups)
 
     @classmethod
@@ -225,6 +228,7 @@ class _Edges:
         seen: Sequence[Silhouette],
         positions: Floats,
     ) -> _Edges:
+        """Return the silhouette edges of all source points, and the positions to compute."""
         centre = np.mean([point.position for point in sources], axis=0)
         blocked = blocked_edges(bodies, seen, centre)
         group = np.concatenate(blocked.groups)
@@ -268,6 +272,11 @@ def _summed(
     coarser: EdgeRule | None = None,
     is_sheet: bool = False,
 ) -> tuple[Complex, Complex, Floats]:
+    """Return the change of the field by bodies, the free field and the error at the targets.
+
+    The error is zero without a ``coarser`` rule. ``few``: faster sum over a few nodes of the
+    source, if it is available.
+    """
     if few is not None:
         change, free = few.change(edges.targets, rule)
         error = few.error * np.abs(free).max() if coarser is not None else 0.0
@@ -361,6 +370,7 @@ def _edge(
 
 
 def _check_clearance(bodies: Obstacles, sources: Sequence[RadiatingPoint]) -> None:
+    """Raise ArgumentError if an obstacle encloses the source; warn of close obstacles."""
     positions = np.array([position for position, *_ in sources])
     if bodies.inside(positions).any():
         raise ArgumentError(
@@ -519,6 +529,7 @@ def shadow_lines(table: Floats) -> Floats:
 
 
 def _split(group: Indices, seen: Sequence[Silhouette]) -> list[Indices]:
+    """Divide the group index of all edges into one array for each silhouette."""
     return np.split(group, np.cumsum([len(s.numbers) for s in seen])[:-1])
 
 
@@ -546,5 +557,6 @@ def _blocker(
 
 
 def _in_plane(surface: Surface, plane: Floats, within: float) -> Surface:
+    """Return the triangles of a surface that lie in a plane, up to the distance ``within``."""
     height = np.abs(surface.corners @ plane[:3] + plane[3]).max(axis=1)
     return surface.subset(height <= within)

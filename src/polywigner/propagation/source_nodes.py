@@ -59,6 +59,7 @@ class SourceNodes:
 
     @property
     def is_reduced(self) -> bool:
+        """Whether there are fewer nodes than equivalent points."""
         return len(self.positions) < len(self.points)
 
     @cached_property
@@ -68,6 +69,7 @@ class SourceNodes:
 
     @cached_property
     def centre(self) -> Floats:
+        """Mean position of the equivalent points, shape (3,)."""
         return np.mean(self.origins, axis=0)
 
     @cached_property
@@ -114,6 +116,7 @@ class SourceNodes:
         return [dipoles * obliquity + units * slope, dipoles]
 
     def _waves_at(self, places: Floats) -> tuple[Complex, Floats]:
+        """Return the waves and detours of :meth:`waves_at` for a block of points."""
         waves = self.waves_of_points(places)
         parts, units = self._over_units(places, waves)
         moments = waves / units[:, -1:]
@@ -144,6 +147,7 @@ class SourceNodes:
 
 
 def _unit_waves(places: Floats, starts: Floats) -> Complex:
+    """Return the spherical waves (q, k) from k starting points at q positions."""
     waves = [spherical_wave(NumpyOperations(), tuple((places - start).T)) for start in starts]
     return np.stack([wave.real + 1j * wave.imag for wave in waves], axis=1)
 
@@ -206,6 +210,7 @@ class _WavesAtEdges:
 
     @classmethod
     def of(cls, source: SourceNodes, edges: Floats) -> _WavesAtEdges:
+        """Return the waves of a source at five positions on each edge (m, 2, 3)."""
         start, along = edges[:, 0], edges[:, 1] - edges[:, 0]
         squares = np.maximum((along * along).sum(axis=1), 1e-300)
         nearest = np.clip(((source.centre - start) * along).sum(axis=1) / squares, 0.0, 1.0)
@@ -234,6 +239,7 @@ def _turned_by(detour: float, curvature: float = 0.0) -> EdgeWave:
     """Return the edge wave in the far field, relative to the wave at the observation point."""
 
     def wave(distance: Floats, at: Floats) -> Complex:
+        """Return the relative edge waves (q, k)."""
         cycles = (np.sqrt(2.0 * detour / distance) + 0.5 * curvature * at / distance) * at
         return np.asarray(EDGE_AMPLITUDE / math.sqrt(detour) * np.exp(2j * math.pi * cycles))
 
@@ -244,6 +250,7 @@ def _divided_at(detour: float) -> EdgeWave:
     """Return the edge wave relative to the wave at the edge."""
 
     def wave(distance: Floats, at: Floats) -> Floats:
+        """Return the relative edge waves (q, k)."""
         ratio = 1.0 + at / np.sqrt(2.0 * detour * distance)
         return np.asarray(EDGE_AMPLITUDE / math.sqrt(detour) / ratio)
 

@@ -145,13 +145,14 @@ def results_on_grid(
     result = labelled_arrays(data, {**axes, **coords}, attrs)
     if out is None:
         return result
-    _complete(checked_path(out), result, "synchronous" if compiled else "threads", options)
+    _fill_store(checked_path(out), result, "synchronous" if compiled else "threads", options)
     return open_store(out)
 
 
 def _in_memory(
     name: str, block: Block, shape: Index, dtype: DTypeLike, block_size: int, progress: bool | None
 ) -> NDArray[Any]:
+    """Compute all blocks of a variable, and return its values."""
     if math.prod(shape) > _MOST_IN_MEMORY:
         raise ArgumentError(
             f"expected at most {_MOST_IN_MEMORY} samples in memory, got {math.prod(shape):.3g}; "
@@ -170,6 +171,7 @@ def _in_memory(
 def _lazy_array(
     block: Block, shape: Index, chunks: Any, dtype: DTypeLike, compiled: bool, threads: int | None
 ) -> dask.array.Array:
+    """Return a dask array whose chunks are computed on demand."""
     arrays, core = required("dask.array"), required("dask.array.core")
     try:
         sizes = core.normalize_chunks(chunks, shape, dtype=dtype)
@@ -190,6 +192,7 @@ def _lazy_array(
 def _compute_chunk(
     block: Block, compiled: bool, threads: int | None, block_info: Any = None
 ) -> NDArray[Any]:
+    """Compute the chunk of an array whose location dask specifies in ``block_info``."""
     location = block_info[None]["array-location"]
     origin, shape = tuple(a for a, _ in location), tuple(b - a for a, b in location)
     if compiled and threads is None and "distributed" in sys.modules:
@@ -200,7 +203,7 @@ def _compute_chunk(
         return np.asarray(block(origin, shape))
 
 
-def _complete(
+def _fill_store(
     folder: Path, dataset: xarray.Dataset, default: str, options: Mapping[str, Any]
 ) -> None:
     """Compute the missing chunks of a store, which is created if necessary.
@@ -215,16 +218,16 @@ def _complete(
     is_new = not os.path.lexists(folder)
     if not is_new:
         _check_same(folder, dataset)
-    tasks = _missing(folder, dataset)
+    tasks = _missing_tasks(folder, dataset)
     if not tasks:
         return
     keys, total = {task.key for task in tasks}, sum(a.data.npartitions for a in dataset.values())
     bar = progress_bar(folder.name, total, total - len(tasks), options.get("progress"))
-    with nullcontext(default) if scheduler is None else _connected(scheduler) as executor:
+    with nullcontext(default) if scheduler is None else _client(scheduler) as executor:
         try:
             # Create the store after connecting, so that a failed connection leaves no store.
             if is_new:
-                _create(folder, dataset)
+                _create_store(folder, dataset)
             with bar as advance, Callback(posttask=lambda key, *_: key in keys and advance()):
                 dask.compute(*tasks, scheduler=executor, num_workers=threads)
         except OSError as error:
@@ -237,6 +240,7 @@ def _complete(
 
 
 def _check_same(folder: Path, dataset: xarray.Dataset) -> None:
+    """Raise StoreError if a store has other settings, coordinates or chunks than a dataset."""
     stored = open_store(folder)
     before, now = _settings_of(stored), _settings_of(dataset)
     different = [name for name in sorted(before | now) if before.get(name) != now.get(name)]
@@ -250,6 +254,7 @@ def _check_same(folder: Path, dataset: xarray.Dataset) -> None:
 
 
 def _settings_of(dataset: xarray.Dataset) -> dict[str, str]:
+    """Return attributes, types and chunk sizes of a dataset as JSON texts."""
     settings: dict[str, Any] = dict(dataset.attrs)
     for name, array in dataset.data_vars.items():
         settings |= {f"{key} of {name}": value for key, value in array.attrs.items()}
@@ -260,7 +265,8 @@ def _settings_of(dataset: xarray.Dataset) -> dict[str, str]:
     }
 
 
-def _create(folder: Path, dataset: xarray.Dataset) -> None:
+def _create_store(folder: Path, dataset: xarray.Dataset) -> None:
+    """Create a zarr store with coordinates and attributes, but without values."""
     # Compression would halve the speed, and rounding errors do not compress.
     encoding: dict[Any, Any] = {
         name: {"compressors": (), "fill_value": array.dtype.type(np.nan)}  # NaN for missing chunks
@@ -278,7 +284,8 @@ def _create(folder: Path, dataset: xarray.Dataset) -> None:
             ) from None
 
 
-def _missing(folder: Path, dataset: xarray.Dataset) -> list[Any]:
+def _missing_tasks(folder: Path, dataset: xarray.Dataset) -> list[Any]:
+    """Return a dask task for each chunk without a file, which computes and writes the chunk."""
     tasks = []
     for name, array in dataset.data_vars.items():
         path, meta = folder.absolute() / str(name), np.empty((0,) * array.ndim)
@@ -291,6 +298,7 @@ def _missing(folder: Path, dataset: xarray.Dataset) -> list[Any]:
 
 
 def _write_region(values: NDArray[Any], path: Path, block_info: Any = None) -> NDArray[Any]:
+    """Write a chunk to a zarr array, and return an empty array."""
     region = tuple(slice(*ends) for ends in block_info[0]["array-location"])
     # A chunk without a file counts as missing, even if all its values are NaN.
     array = required("zarr").open_array(path, mode="r+")
@@ -298,7 +306,8 @@ def _write_region(values: NDArray[Any], path: Path, block_info: Any = None) -> N
     return values[(slice(0),) * values.ndim].copy()
 
 
-def _connected(scheduler: Scheduler) -> Client:
+def _client(scheduler: Scheduler) -> Client:
+    """Return a dask client with at least one worker; raise EngineError if there is none."""
     distributed = required("distributed")
     try:
         client = distributed.Client(scheduler, timeout=_PATIENCE, set_as_default=False)
@@ -359,7 +368,7 @@ def write_netcdf(dataset: Stored, path: str | os.PathLike[str]) -> None:
     True
     """
     required("h5netcdf", "h5py")
-    parts = _real_parts(_opened(dataset))
+    parts = _real_parts(_as_dataset(dataset))
     with in_place(checked_path(path)) as scratch:
         parts.to_netcdf(scratch, engine="h5netcdf")
 
@@ -369,10 +378,11 @@ def write_zarr(dataset: Stored, path: str | os.PathLike[str]) -> None:
     required("zarr")
     with in_place(checked_path(path)) as scratch, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # zarr warns about missing consolidated metadata.
-        _opened(dataset).to_zarr(scratch, mode="w-", zarr_format=3)
+        _as_dataset(dataset).to_zarr(scratch, mode="w-", zarr_format=3)
 
 
-def _opened(dataset: Stored) -> xarray.Dataset:
+def _as_dataset(dataset: Stored) -> xarray.Dataset:
+    """Return a dataset, a data array or the store at a path as a dataset."""
     import xarray
 
     if isinstance(dataset, xarray.DataArray):
@@ -388,6 +398,7 @@ def _opened(dataset: Stored) -> xarray.Dataset:
 
 
 def _real_parts(dataset: xarray.Dataset) -> xarray.Dataset:
+    """Return a dataset with real variables, and attributes that NetCDF files can contain."""
     for name, array in dataset.data_vars.items():
         if array.dtype.kind == "c":
             parts = {f"{name}_real": array.real, f"{name}_imag": array.imag}

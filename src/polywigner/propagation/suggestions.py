@@ -110,6 +110,7 @@ class Sampling:
     """Number of points of the grid."""
 
     def __getitem__(self, name: str) -> AxisSampling:
+        """Return the axis with a given name."""
         for axis in self.axes:
             if axis.name == name:
                 return axis
@@ -233,6 +234,7 @@ def suggest_sampling(
 
 
 def _phase_space_bands(source: Any, wavelength: Any, quantity: str, reach: Any) -> list[Band]:
+    """Return the axes of F, |F|^2, W or A."""
     if not isinstance(source, Aperture | Slits | Array):
         raise ArgumentError(
             "expected an Aperture, Slits, or an Array of either in one plane, got "
@@ -274,6 +276,7 @@ def _narrowest(element: Aperture | Slits) -> float:
 
 
 def _axis(band: Band, oversampling: float) -> AxisSampling:
+    """Return the evenly spaced axis of a band; raise ArgumentError for too many samples."""
     name, unit, low, high, nyquist, band_limited = band
     steps = (high - low) / nyquist * oversampling if nyquist > 0 else math.inf
     if not steps < _MOST_SAMPLES:
@@ -316,7 +319,7 @@ def _field_bands(
         )
         tangents = [unit_vectors(theta + math.pi / 2, phi).reshape(-1, 3), around.reshape(-1, 3)]
         ends = [("theta", "rad", 0.0, _GRAZING), ("phi", "rad", 0.0, 2 * math.pi)]
-    rays = _rays(points, bounds)
+    rays = _ray_directions(points, bounds)
     bands: list[Band] = []
     for end, tangent in zip(ends, tangents, strict=True):
         cosines = np.einsum("nqc,nc->nq", rays, np.broadcast_to(tangent, points.shape))
@@ -326,7 +329,11 @@ def _field_bands(
     return bands
 
 
-def _rays(points: Floats, bounds: tuple[float, ...]) -> Floats:
+def _ray_directions(points: Floats, bounds: tuple[float, ...]) -> Floats:
+    """Return unit vectors (n, 9, 3) from a rectangle to points (n, 3).
+
+    Rays start at the corners, at the point closest to the target, and on the sides.
+    """
     x, y = (
         np.stack(np.broadcast_arrays(low, np.clip(points[:, k], low, high), high), axis=-1)
         for k, (low, high) in enumerate(zip(bounds[:2], bounds[2:], strict=True))

@@ -234,7 +234,11 @@ def _near_field(
     errors, limits = np.zeros((2, len(points)))
 
     def integral(method: str, factor: Any) -> Complex:
-        """Return Phi for SECOND, otherwise dPhi/dz/(ik), with factors of p_x and p_y."""
+        """Return the integral Phi of (VP1) for SECOND, otherwise dPhi/dz/(ik), at all points.
+
+        ``factor``: function of the direction cosines (m, 2) of plane waves, by which they are
+        multiplied.
+        """
         base, elements = without_grazing if method == SECOND else radiator, []
         for element in base.elements:
             factors = factor(element.frequencies * wavelength)
@@ -283,6 +287,7 @@ def _edge_field(sums: EdgeIntegrals, q: Complex, currents: Currents) -> Complex:
 
 
 def _not_grazing(radiator: Radiator, wavelength: float) -> Radiator:
+    """Return a radiator in which the mean of four waves replaces each grazing plane wave."""
     half = max(1.0, float(np.linalg.norm(radiator.high - radiator.low)) / (2 * wavelength))
     step = _ASIDE / (2 * math.pi * half)
     elements = []

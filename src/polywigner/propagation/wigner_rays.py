@@ -6,7 +6,7 @@ Gauss rules integrate the Wigner function W over triangles on the automean that 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -102,6 +102,7 @@ def irradiance_by_rays(
         )
 
     def node_sum(rule: tuple[Floats, Floats], block: Floats) -> Floats:
+        """Return the irradiance at points (n, 3) for a quadrature rule on the source."""
         total = np.zeros(len(block))
         for kernel, part, constants in terms:
             total += execution.evaluate_sums(
@@ -110,11 +111,11 @@ def irradiance_by_rays(
         return total
 
     area = sum(element.area for element in flat.elements_in_plane)
-    reach = wavelength * radiator.distance_of_centre(points)
-    largest = energy_of(flat) / area * np.minimum(1.0, (area / reach) ** 2)
+    spread = wavelength * radiator.distance_of_centre(points)
+    largest = energy_of(flat) / area * np.minimum(1.0, (area / spread) ** 2)
     floor = _FLOOR * largest
     values, errors = np.zeros(len(points)), np.zeros(len(points))
-    rates = _phase_rates(flat, wavelength, points, curved)
+    rates = _phase_rates(source, wavelength, points)
     steps = np.ceil(rates * wavelength / _RATE_STEP)
     triangles = _triangles(flat)
     for step in np.unique(steps):
@@ -140,6 +141,7 @@ def _along_rays(base: Kernel) -> Kernel:
     """
 
     def enter(ops: Any, frame: Any, x: Any, y: Any, *rest: Any) -> Values:
+        """Return the factor of W in the irradiance, and the arguments of the kernel of W."""
         point, wavelength, forms, curved = rest[:3], rest[3], Forms(*rest[4:7]), rest[7:]
         along_x, along_y = point[0] - x, point[1] - y
         square = along_x * along_x + along_y * along_y + point[2] * point[2]
@@ -155,9 +157,11 @@ def _along_rays(base: Kernel) -> Kernel:
     base_sum = base.edge_sum
 
     def edge_sum(ops: Any, tables: Any, _: Any, *inner: Any) -> Values:
+        """Return the edge sum of W, without the factor of the irradiance."""
         return base_sum(ops, tables, *inner)
 
     def leave(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
+        """Return W times the factor of the irradiance."""
         return (inner[0] * base.leave(ops, frame, inner[1:], sums)[0],)
 
     return replace(
@@ -208,6 +212,7 @@ def _refined_sums(
 
 
 def _check_nodes(triangles: Triangles, rate: float, wavelength: float) -> None:
+    """Raise ArgumentError if the coarsest rule has too many nodes."""
     count = node_count(triangles, rate, _LEVELS[0])
     if not count <= _MOST_NODES:
         across = float(np.ptp(triangles.reshape(-1, 2), axis=0).max()) / wavelength
@@ -218,23 +223,18 @@ def _check_nodes(triangles: Triangles, rate: float, wavelength: float) -> None:
         )
 
 
-def _phase_rates(
-    source: PlaneSource, wavelength: float, points: Floats, curved: Sequence[float]
-) -> Floats:
-    xmin, ymin, xmax, ymax = source.bounds
-    corners = np.array([(x, y) for x in (xmin, xmax) for y in (ymin, ymax)])
+def _phase_rates(source: PlaneSource | Wavefront, wavelength: float, points: Floats) -> Floats:
+    """Return the highest spatial frequency in 1/m of the integrand for each point, shape (n,)."""
+    form = normal_form(source)
+    low, high = np.reshape(form.bounds, (2, 2))
+    corners = np.array([(x, y) for x in (low[0], high[0]) for y in (low[1], high[1])])
     rays = points[:, None, :2] - corners
     length = np.sqrt((rays**2).sum(axis=-1) + points[:, None, 2] ** 2)
-    nu = rays / (wavelength * length[..., None])
-    bent = 0.0
-    if curved:
-        q = np.array([curved[:2], curved[1:3]])
-        nu = nu - (corners - np.array(curved[3:])) @ q
-        bent = float(np.linalg.norm(q, 2) * np.hypot(xmax - xmin, ymax - ymin))
+    nu = rays / (wavelength * length[..., None]) - (corners - form.centre) @ form.curvature
     rates = np.zeros(len(points))
-    for kappa in normal_form(source).frequencies:
+    for kappa in form.frequencies:
         rates = np.maximum(rates, np.linalg.norm(nu - kappa, axis=-1).max(axis=1))
-    return rates + bent
+    return rates + float(np.linalg.norm(form.curvature, 2) * np.linalg.norm(high - low))
 
 
 # Largest number of kinks, which take some seconds, and of their intersections.
@@ -294,6 +294,7 @@ def _triangles(source: Aperture | Array) -> Triangles:
 
 
 def _intersection_count(segments: Floats) -> float:
+    """Estimate the number of pairs of segments (m, 2, 2) that intersect."""
     lines = shapely.linestrings(segments)
     sample = lines[:: max(1, len(lines) // _SAMPLE)]
     intersections = shapely.STRtree(lines).query(sample, predicate="intersects").shape[1]

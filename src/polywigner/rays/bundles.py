@@ -17,9 +17,9 @@ from polywigner.geometry.arguments import (
     checked_flag,
     checked_number,
     checked_path,
-    checked_vectors,
     finite_array,
     in_place,
+    real_array,
     rigid_pose,
     shape_of,
     warn_caller,
@@ -40,16 +40,16 @@ _VARIABLES = {
 _UNIT = 1e-4
 
 
-def bundle(
+def rays_dataset(
     position: Floats,
     direction: Floats,
     weight: Floats,
     batch: NDArray[Any] | None,
     attrs: dict[str, Any],
 ) -> xarray.Dataset:
-    """Return n rays as a dataset.
+    """Return positions, directions and weights of n rays as a dataset.
 
-    ``batch`` (n,): index of each ray's independent set of quasi-random numbers.
+    ``batch`` (n,): index of the independent set of quasi-random numbers of each ray.
     """
     import xarray
 
@@ -108,7 +108,7 @@ def traced(
     """
     _, _, weights, batch = checked_bundle(rays)
     columns = _columns(len(weights), position, direction, weights if weight is None else weight)
-    return bundle(*columns, batch, {**rays.attrs, "count": count_of(rays)})
+    return rays_dataset(*columns, batch, {**rays.attrs, "count": count_of(rays)})
 
 
 def checked_bundle(rays: Any) -> tuple[Floats, Floats, Floats, NDArray[Any] | None]:
@@ -144,11 +144,10 @@ def count_of(rays: xarray.Dataset) -> int:
 
 
 def _columns(count: int, *values: Any) -> tuple[Floats, Floats, Floats]:
+    """Return checked positions, directions and weights of ``count`` rays."""
     columns = []
     for name, value, shape in zip(_VARIABLES, values, [(count, 3)] * 2 + [(count,)], strict=True):
-        columns.append(checked_vectors(value, f"expected {name} of shape {shape}", ()))
-        if columns[-1].shape != shape:
-            raise ArgumentError(f"expected {name} of shape {shape}, got {columns[-1].shape}")
+        columns.append(real_array(value, f"expected {name} of shape {shape}", shape))
     position, direction, weight = columns
     with np.errstate(over="ignore"):
         # False for lost rays, which contain NaN.
@@ -227,9 +226,9 @@ def rebuild(
     import xarray
 
     position, direction, weight, batch = checked_bundle(rays)
-    pose = _pose(plane)
+    pose = _plane_pose(plane)
     checked_flag(virtual, "virtual")
-    edges = _edges(bounds, shape)
+    edges = _pixel_edges(bounds, shape)
     size = len(edges[1]) - 1, len(edges[0]) - 1
     pixels = math.prod(size)
     # Batch numbers of a selection of rays may have gaps.
@@ -255,7 +254,7 @@ def rebuild(
             squares += np.bincount(pixel, power**2, squares.size)
     sums[:, -1] = sums[:, :-1].sum(axis=1)
     squares[-1] = squares[:-1].sum()
-    total, error = _errors(sums, squares, count_of(rays))
+    total, error = _estimates(sums, squares, count_of(rays))
     area = math.prod(float(axis[-1] - axis[0]) for axis in edges) / pixels
     images = {}
     for name, values, meaning in (
@@ -272,7 +271,12 @@ def rebuild(
     return xarray.Dataset(images, coords, {**rays.attrs, **totals})
 
 
-def _errors(sums: Floats, squares: Floats, count: int) -> tuple[Floats, Floats]:
+def _estimates(sums: Floats, squares: Floats, count: int) -> tuple[Floats, Floats]:
+    """Return the total of each pixel, and its standard error.
+
+    ``sums``: sums of weights for each batch and pixel. ``squares``: sums of squared weights of
+    independent rays.
+    """
     total = sums.sum(axis=0)
     batches = len(sums)
     if batches > 1:
@@ -290,15 +294,16 @@ def _pixel_coordinates(
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         local = (position - pose[:3, 3]) @ pose[:3, :3]
         along = direction @ pose[:3, :3]
-        reach = -local[:, 2] / along[:, 2]
-        point = local[:, :2] + reach[:, None] * along[:, :2]
+        distance = -local[:, 2] / along[:, 2]
+        point = local[:, :2] + distance[:, None] * along[:, :2]
         largest = np.maximum(np.abs(local).max(axis=1), (high - low).max())
-        meets = virtual | (reach >= -_ON_PLANE * largest)
+        meets = virtual | (distance >= -_ON_PLANE * largest)
         pixels = (point - low) / (high - low) * [len(axis) - 1 for axis in edges]
     return np.where(meets[:, None], pixels, np.nan)
 
 
-def _pose(plane: Any) -> Floats:
+def _plane_pose(plane: Any) -> Floats:
+    """Return the pose (4, 4) of a plane, specified by a pose or by its z in m."""
     if shape_of(plane) == "()":
         pose = np.eye(4)
         pose[2, 3] = checked_number(plane, "plane", "its z in m, or a (4, 4) pose")
@@ -306,7 +311,8 @@ def _pose(plane: Any) -> Floats:
     return rigid_pose(plane)
 
 
-def _edges(bounds: Any, shape: Any) -> tuple[Floats, Floats]:
+def _pixel_edges(bounds: Any, shape: Any) -> tuple[Floats, Floats]:
+    """Return the edges of pixels along x and y in m; raise ArgumentError for other values."""
     expected = "expected bounds to be (xmin, ymin, xmax, ymax) in m"
     row = finite_array(bounds, expected, (4,))
     if not (row[2:] > row[:2]).all():
@@ -396,6 +402,7 @@ def save(
 
 
 def _checked_file(path: str | os.PathLike[str]) -> Path:
+    """Return an absolute path; raise ArgumentError unless its suffix is .dat."""
     file = checked_path(path)
     if file.suffix.lower() != ".dat":
         raise ArgumentError(
@@ -408,6 +415,7 @@ def _checked_file(path: str | os.PathLike[str]) -> Path:
 def _write_part(
     rays: xarray.Dataset, columns: Floats, path: Path, sign: int, suffix: str, description: str
 ) -> Path:
+    """Write all rays, or the rays whose power has a given sign, and return the path of the file."""
     if suffix:
         columns = columns[columns[:, 6] * sign > 0] * ([1.0] * 6 + [sign])
         path = path.with_stem(path.stem + suffix)
@@ -425,6 +433,7 @@ def _write_part(
 
 
 def _warn_of_negative(weight: Floats) -> None:
+    """Warn if some powers are negative."""
     below = weight < 0
     if below.any():
         fraction = float(np.abs(weight[below]).sum() / np.nansum(np.abs(weight)))
@@ -473,6 +482,7 @@ def load(path: str | os.PathLike[str]) -> xarray.Dataset:
     file = _checked_file(path)
 
     def wrong(got: str) -> FileFormatError:
+        """Return the error for a file that is not a valid ray file."""
         return FileFormatError(
             f"expected {file.name} to be a ray file of OpticStudio, got {got}; export it again"
         )
@@ -513,4 +523,4 @@ def load(path: str | os.PathLike[str]) -> xarray.Dataset:
     if ours := _OURS.match(header["Description"].decode("utf-8", "replace")):
         attrs["count"] = int(ours[1])
         weight = -weight if ours[2] == "negative" else weight
-    return bundle(position, direction, weight, None, attrs)
+    return rays_dataset(position, direction, weight, None, attrs)

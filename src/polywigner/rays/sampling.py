@@ -36,7 +36,7 @@ from polywigner.radiometry.directions import (
     checked_unit_vectors,
     largest_lag,
 )
-from polywigner.rays.bundles import bundle
+from polywigner.rays.bundles import rays_dataset
 from polywigner.source import Array
 from polywigner.source.obliquities import ObliquityName, obliquity_of
 from polywigner.transforms import wigner
@@ -97,7 +97,7 @@ def sample_automean(
     # Curvature does not change the support.
     flat: Any = flat_source(source)
     numbers = _checked_numbers(samples, kernel_for("wigner", flat).dimension, seed)
-    support = _support(flat)
+    support = _automean(flat)
     if isinstance(support, Slits):
         begins, ends = support.intervals.T
         part, u = _chosen(ends - begins, numbers[:, 0])
@@ -117,6 +117,7 @@ _MOST_SAMPLES = 1 << 28
 
 
 def _checked_numbers(samples: Any, columns: int, seed: Any) -> Floats:
+    """Return random numbers (n, columns), or check numbers that the caller specifies."""
     if isinstance(samples, int | np.integer) and not isinstance(samples, bool):
         count = checked_count(samples, "samples", 1, _MOST_SAMPLES)
         return checked_generator(seed).random((count, columns))
@@ -129,7 +130,8 @@ def _checked_numbers(samples: Any, columns: int, seed: Any) -> Floats:
     return array
 
 
-def _support(source: Any) -> Aperture | Slits:
+def _automean(source: Any) -> Aperture | Slits:
+    """Return the automean of a flat source or of slits."""
     if isinstance(source, Array) and source.dimension > 1:
         return automean(source.support)
     if isinstance(source, Aperture):
@@ -144,6 +146,10 @@ def _support(source: Any) -> Aperture | Slits:
 
 
 def _chosen(sizes: Floats, numbers: Floats) -> tuple[NDArray[np.intp], Floats]:
+    """Map numbers in [0, 1) to cells in proportion to their sizes.
+
+    Returns the index of each cell, and the position within the cell in [0, 1].
+    """
     ends = np.cumsum(sizes)
     at = numbers * ends[-1]
     index = np.minimum(np.searchsorted(ends, at, side="right"), len(sizes) - 1)
@@ -165,7 +171,7 @@ _UNIT = 1e-6
 _LEAST_COSINE = 1e-8
 
 
-def _numbers(
+def _random_blocks(
     sampling: str, count: int, seed: Any, tilts: int
 ) -> Iterator[tuple[Floats, int | None]]:
     """Yield blocks of random numbers in [0, 1), shape (m, 4 + tilts), and the batch index or None.
@@ -189,7 +195,7 @@ def _numbers(
 
 def _normal_numbers(numbers: Floats) -> Floats:
     """Map pairs of uniform numbers continuously to pairs of normal ones (Box and Muller 1958)."""
-    plane = _disc(numbers)
+    plane = _disc_points(numbers)
     square = (plane**2).sum(axis=1)
     # Keep results at the rim of the disc finite.
     normal_square = -2 * np.log1p(-np.minimum(square, 1 - np.finfo(np.float64).epsneg))
@@ -198,6 +204,7 @@ def _normal_numbers(numbers: Floats) -> Floats:
 
 
 def _root_of_ratio(numerator: Floats, divisor: Floats, limit: Floats) -> Floats:
+    """Return sqrt(numerator/divisor), or sqrt(limit) if the divisor is zero."""
     return np.sqrt(np.divide(numerator, divisor, out=limit, where=divisor > 0))
 
 
@@ -221,7 +228,7 @@ class Cone:
         centre = None if slope is None or math.isinf(self.width) else self._beam_centres(slope)
         ratio = self.width / self.radius
         # Unlike ratio**2, ratio * ratio overflows to infinity without an error.
-        plane, area = _concentrated(_disc(numbers), ratio * ratio, centre)
+        plane, area = _concentrated(_disc_points(numbers), ratio * ratio, centre)
         plane *= self.radius
         along = np.sqrt(np.maximum(1.0 - (plane**2).sum(axis=1), 0.0))
         vectors = np.column_stack([plane, along]) @ self.frame.T
@@ -230,6 +237,7 @@ class Cone:
         return vectors, area * solid
 
     def _beam_centres(self, slope: Floats) -> Floats:
+        """Return the centres (n, 2) of beams in the unit disc that the cone is mapped to."""
         cosines = self.frame[:2, 2] + slope
         # Limit beams to directions in front of the plane.
         cosines /= np.maximum(np.hypot(*cosines.T), 1.0)[:, None]
@@ -261,10 +269,10 @@ def cone_of(half_angle: Any, axis: Any, width: float) -> Cone:
             f"an axis {tilt:.4g} rad from the normal; use a narrower cone, or omit cone and axis "
             "for all directions"
         )
-    return Cone(_frame(vector), math.sin(angle), width)
+    return Cone(_rotation(vector), math.sin(angle), width)
 
 
-def _frame(axis: Floats) -> Floats:
+def _rotation(axis: Floats) -> Floats:
     """Return a rotation matrix with ``axis`` as its last column; the identity for the z axis."""
     x, y, z = axis
     # Duff et al. (2017). The denominator is not zero, since z >= 0.
@@ -283,14 +291,14 @@ def _concentrated(plane: Floats, core: float, centre: Floats | None) -> tuple[Fl
     square = (plane**2).sum(axis=1)
     if math.isinf(core):
         return plane, np.ones_like(square)
-    integral = np.log1p((1.0 if centre is None else _reach(plane, centre)) / core)
+    integral = np.log1p((1.0 if centre is None else _squared_reach(plane, centre)) / core)
     new_square = core * np.expm1(integral * square)
     limit = np.broadcast_to(core * integral, square.shape).copy()
     points = plane * _root_of_ratio(new_square, square, limit)[:, None]
     return points if centre is None else centre + points, (core + new_square) * integral
 
 
-def _reach(plane: Floats, centre: Floats) -> Floats:
+def _squared_reach(plane: Floats, centre: Floats) -> Floats:
     """Return squared distances from centres to the unit circle in the directions ``plane``."""
     length = np.hypot(*plane.T)
     along = np.divide(
@@ -299,11 +307,11 @@ def _reach(plane: Floats, centre: Floats) -> Floats:
     inside = np.maximum(1.0 - (centre**2).sum(axis=1), 0.0)
     chord = np.sqrt(along**2 + inside)
     # Avoid cancellation in chord - along.
-    reach = np.divide(inside, chord + along, out=chord - along, where=along > 0)
-    return np.asarray(reach**2)
+    radius = np.divide(inside, chord + along, out=chord - along, where=along > 0)
+    return np.asarray(radius**2)
 
 
-def _disc(numbers: Floats) -> Floats:
+def _disc_points(numbers: Floats) -> Floats:
     """Map the unit square to the unit disc with constant density (Shirley and Chiu 1997)."""
     a, b = 2 * numbers.T - 1
     is_wide = np.abs(a) > np.abs(b)
@@ -410,7 +418,7 @@ def sample_rays(
     >>> bool((rays.weight < 0).any())
     True
     """
-    radiator, pose = _placed(source, to_world)
+    radiator, pose = _with_pose(source, to_world)
     length = checked_wavelength(wavelength)
     checked_choice(sampling, "sampling", get_args(RaySampling))
     least = 2 * BATCHES if sampling == "quasi-random" else 1
@@ -422,14 +430,14 @@ def sample_rays(
     name = condition.name
     check_slopes(radiator, name)
     flat = flat_source(radiator)
-    scale = _scale(radiator, length, name, power)
+    scale = _power_scale(radiator, length, name, power)
     parts = condition.terms(flat, length)
     tilts = 2 if is_partly_coherent(radiator) else 0
 
     position, direction, weight = np.empty((n, 3)), np.empty((n, 3)), np.empty(n)
     batch = np.empty(n, np.int32) if sampling == "quasi-random" else None
     start = 0
-    for numbers, number in _numbers(sampling, n, seed, tilts):
+    for numbers, number in _random_blocks(sampling, n, seed, tilts):
         block = slice(start, start + len(numbers))
         first, tilt = np.split(numbers, [numbers.shape[1] - tilts], axis=1)
         points, per_area = sample_automean(flat, first[:, 2:])
@@ -462,10 +470,11 @@ def sample_rays(
         "obliquity": name,
         **source_attrs(radiator),
     }
-    return bundle(position, direction, weight, batch, attrs)
+    return rays_dataset(position, direction, weight, batch, attrs)
 
 
-def _placed(source: Any, to_world: Any) -> tuple[PlaneSource | Wavefront, Floats]:
+def _with_pose(source: Any, to_world: Any) -> tuple[PlaneSource | Wavefront, Floats]:
+    """Return the source in its plane and its pose in the world."""
     if not isinstance(source, PlacedAperture):
         radiator = checked_radiator(source, partly=True)
         return radiator, np.eye(4) if to_world is None else rigid_pose(to_world)
@@ -476,7 +485,8 @@ def _placed(source: Any, to_world: Any) -> tuple[PlaneSource | Wavefront, Floats
     return source.aperture, source.pose
 
 
-def _scale(source: Any, wavelength: float, obliquity: str, power: Any) -> float:
+def _power_scale(source: Any, wavelength: float, obliquity: str, power: Any) -> float:
+    """Return the factor of all weights for a specified power in W; 1 for None."""
     if power is None:
         return 1.0
     watts = checked_length(power, "power", meaning="a number in W above zero")

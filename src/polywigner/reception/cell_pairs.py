@@ -51,6 +51,7 @@ class Cells:
     """
 
     def __init__(self, source: Any, wavelength: float) -> None:
+        """Create the tree with the entire source as its only cell."""
         self._source = normal_form(source).in_plane
         self.centre = np.reshape(self._source.bounds, (2, 2)).mean(axis=0)
         self.wavelength = wavelength
@@ -102,12 +103,14 @@ class Cells:
         return (nodes - self.centre) / self.wavelength, values
 
     def _triangles(self, cell: int) -> tuple[Floats, Indices]:
+        """Return triangles (n, 3, 2) that tile a cell, in m, and their element indices."""
         polygons, numbers = self._parts[cell]
         triangles, owner = triangles_of(polygons)
         wide = areas(triangles) > 0
         return triangles[wide], numbers[owner[wide]]
 
     def _halves(self, cell: int) -> list[int]:
+        """Return the indices of the two or four parts of a cell, which are created on demand."""
         if cell not in self._children:
             low, high = self.low[cell], self.high[cell]
             is_long = high - low > _SQUARE * (high - low).max()
@@ -120,6 +123,7 @@ class Cells:
         return self._children[cell]
 
     def _cut(self, cell: int, box: shapely.Polygon) -> None:
+        """Add the part of a cell inside a box as a new cell, unless it is empty."""
         polygons, numbers = self._parts[cell]
         parts = shapely.intersection(polygons, box)
         wide = shapely.area(parts) > _SLIVER * box.area
@@ -129,6 +133,7 @@ class Cells:
             self._add(np.array(flat, dtype=object), numbers[wide])
 
     def _add(self, polygons: NDArray[np.object_], numbers: Indices) -> None:
+        """Add a cell made of polygons in m, whose element indices are ``numbers``."""
         self._parts.append((polygons, numbers))
         bounds = (shapely.total_bounds(polygons).reshape(2, 2) - self.centre) / self.wavelength
         self.low = np.vstack([self.low, bounds[0]])
@@ -156,6 +161,7 @@ Pairs: TypeAlias = Any
 
 
 def _table(names: str, *columns: NDArray[Any]) -> Pairs:
+    """Return columns as a record array; ``names`` are separated by commas."""
     make: Any = np.rec.fromarrays  # The type hints of NumPy require formats.
     return make(columns, names=names)
 
@@ -173,6 +179,7 @@ class Sight:
     """
 
     def __init__(self, x: Floats, y: Floats, offset: Floats, rotation: Floats) -> None:
+        """Compute distances and dot products between all pairs of nodes."""
         self._x, self._y, self._offset, self.rotation = x, y, offset, rotation
         normal = rotation[:, :, 2]
         centre_distance = np.sqrt((offset * offset).sum(axis=1))[:, None, None]
@@ -229,6 +236,7 @@ class Links:
         return half[0], half[1], np.linalg.norm(self._between(pairs), axis=1)
 
     def _between(self, pairs: Pairs) -> Floats:
+        """Return the vectors (n, 3) from the transmitter cell to the receiver cell of each pair."""
         vectors = self.offset[pairs.pose].copy()
         there = _centre(self.receiver, pairs.receiver)
         vectors += np.einsum("nij,nj->ni", self.rotation[pairs.pose][:, :, :2], there)
@@ -293,7 +301,7 @@ class Links:
             half, relative = (cells.high[cell] - cells.low[cell]) / 2, points - _centre(cells, cell)
             for start in range(0, len(points), step):
                 part = slice(start, start + step)
-                first, second = _basis(relative[part] / half, order)
+                first, second = _lagrange(relative[part] / half, order)
                 size = 1 + len(rows) * first.size // _BLOCK
                 for block in np.array_split(rows, min(len(rows), size)):
                     field = waves_of_cycles(waves[block] @ relative[part].T) * weights[part]
@@ -304,6 +312,7 @@ class Links:
 
 
 def _nodes(cells: Cells, numbers: Indices, order: int) -> tuple[Floats, Floats]:
+    """Return interpolation nodes (n, q^2, 2) of cells, and the same relative to their centres."""
     half = (cells.high[numbers] - cells.low[numbers]) / 2
     relative = half[:, None] * _rule(order)[0]
     return relative + _centre(cells, numbers)[:, None], relative
@@ -319,6 +328,7 @@ def _contracted(left: Complex, real: Floats, imag: Floats, right: Complex) -> Co
 
 
 def _centre(cells: Cells, numbers: Indices | int) -> Floats:
+    """Return the centres (n, 2) of cells."""
     return np.asarray((cells.low[numbers] + cells.high[numbers]) / 2)
 
 
@@ -332,7 +342,8 @@ def _rule(order: int) -> tuple[Floats, Floats]:
     return np.stack([x.ravel(), y.ravel()], axis=1), series
 
 
-def _basis(points: Floats, order: int) -> Floats:
+def _lagrange(points: Floats, order: int) -> Floats:
+    """Return Lagrange polynomials (2, n, q) of Gauss nodes at points (n, 2) in [-1, 1]^2."""
     return np.asarray(np.polynomial.legendre.legvander(points.T, order - 1) @ _rule(order)[1])
 
 
@@ -362,7 +373,7 @@ def link_sums(links: Links, tolerance: float, floor: Floats) -> tuple[Complex, F
     count = len(links.offset)
     first = np.zeros(count, np.intp)
     digits = -math.log10(tolerance)
-    parts = _first(links, _feasible(links, _table(_PAIR, np.arange(count), first, first)), digits)
+    parts = _initial(links, _divided(links, _table(_PAIR, np.arange(count), first, first)), digits)
     work = 0.0
     while True:
         pose = parts.pose
@@ -374,8 +385,8 @@ def link_sums(links: Links, tolerance: float, floor: Floats) -> tuple[Complex, F
             break
         per_pair = (allowed / 2 / np.maximum(np.bincount(pose[open_], minlength=count), 1))[pose]
         halved = open_ & (_expected_error(links, parts) > per_pair)
-        smaller = _first(links, _feasible(links, _halves(links, parts[halved])), digits)
-        raised = _raised(links, parts[open_ & ~halved])
+        smaller = _initial(links, _divided(links, _halves(links, parts[halved])), digits)
+        raised = _next_order(links, parts[open_ & ~halved])
         work += sum(float((_ORDERS[part.orders] ** 4.0).sum()) for part in (smaller, raised))
         if work > _MOST_VALUES * count:
             raise _too_much(links, parts)
@@ -406,17 +417,18 @@ def _expected_error(links: Links, parts: Pairs) -> Floats:
     return np.where(parts.orders == len(_ORDERS) - 1, np.inf, expected)
 
 
-def _first(links: Links, pairs: Pairs, digits: float) -> Pairs:
+def _initial(links: Links, pairs: Pairs, digits: float) -> Pairs:
     """Evaluate pairs at the two lowest orders that may give correct digits."""
     phase = _phase(links, pairs)
     # Fitted to the lowest sufficient orders of squares at all distances.
     likely = 1 + digits / 3 + 0.8 * np.sqrt(phase)
     least = np.minimum(np.maximum(2 + _IDLE * phase, likely), _ORDERS[-2])
     orders = np.searchsorted(_ORDERS, least)
-    return _raised(links, _evaluated(links, pairs, orders, np.full(len(pairs), np.inf)))
+    return _next_order(links, _evaluated(links, pairs, orders, np.full(len(pairs), np.inf)))
 
 
-def _raised(links: Links, parts: Pairs) -> Pairs:
+def _next_order(links: Links, parts: Pairs) -> Pairs:
+    """Evaluate pairs at the next higher order."""
     return _evaluated(links, parts, parts.orders + 1, parts.values)
 
 
@@ -434,10 +446,12 @@ def _evaluated(links: Links, pairs: Pairs, orders: Indices, before: Complex | Fl
 
 
 def _joined(*pairs: Pairs) -> Pairs:
+    """Concatenate record arrays."""
     return np.concatenate(pairs).view(np.recarray)
 
 
 def _too_much(links: Links, pairs: Pairs) -> ArgumentError:
+    """Return the error for a coupling that would take too long."""
     _, _, distance = links.sizes(pairs)
     nearest = int(distance.argmin())
     return ArgumentError(
@@ -455,7 +469,8 @@ def _phase(links: Links, pairs: Pairs) -> Floats:
     return result
 
 
-def _feasible(links: Links, pairs: Pairs) -> Pairs:
+def _divided(links: Links, pairs: Pairs) -> Pairs:
+    """Divide pairs of cells until all can be interpolated with the available orders."""
     small = pairs[:0]
     while len(pairs):
         here, there, distance = links.sizes(pairs)
@@ -469,6 +484,7 @@ def _feasible(links: Links, pairs: Pairs) -> Pairs:
 
 
 def _halves(links: Links, pairs: Pairs) -> Pairs:
+    """Divide the larger cell of each pair."""
     here, there, _ = links.sizes(pairs)
     at_transmitter = here >= there
     first, second = pairs[at_transmitter], pairs[~at_transmitter]

@@ -200,7 +200,7 @@ def coupling(
     flat = poses.reshape(-1, 4, 4)
     _check_facing(flat, *(cells_of(source, length).corners for source in sources))
     warn_of_distance(sources, flat[:, :3, 3], length)
-    terms = _Link(sources, length, name, allowed, counted, jones).summed(flat)
+    terms = _Link(sources, length, name, allowed, counted, jones).evaluate(flat)
     warn_of_missed(*terms[1:], "couplings")
     values, errors = (part.reshape(poses.shape[:-2])[()] for part in terms[:2])
     return (values, errors) if return_error else values
@@ -208,6 +208,8 @@ def coupling(
 
 @dataclass(frozen=True, eq=False)
 class _Link:
+    """Two sources, and the settings with which they are coupled."""
+
     sources: tuple[Any, Any]
     wavelength: float
     method: str
@@ -217,13 +219,15 @@ class _Link:
     """Jones vectors of the transmitter and the receiver; None for scalar fields."""
 
     def norm(self, normalise: str) -> float:
+        """Return sqrt(N_t N_r) in W, by which couplings are divided."""
         vectors = self.jones or (None, None)
         return math.prod(
             root_of_norm(source, self.wavelength, self.method, normalise, jones)
             for source, jones in zip(self.sources, vectors, strict=True)
         )
 
-    def summed(self, poses: Floats) -> tuple[Complex, Floats, Floats]:
+    def evaluate(self, poses: Floats) -> tuple[Complex, Floats, Floats]:
+        """Return couplings, estimated errors and allowed errors for poses (n, 4, 4)."""
         values: Complex = np.zeros(len(poses), np.complex128)
         errors, limits = np.zeros((2, len(poses)))
         parts: list[Any] = [[(source, None)] for source in self.sources]
@@ -245,6 +249,7 @@ class _Link:
     def _between(
         self, sent: Any, received: Any, poses: Floats, floor: float
     ) -> tuple[Complex, Floats, Floats | float]:
+        """Return unnormalised couplings of two parts of the sources, and both kinds of errors."""
         sources = sent[0], received[0]
         cells = [cells_of(source, self.wavelength) for source in sources]
         offset = poses[:, :3, 3] + poses[:, :3, :2] @ cells[1].centre
@@ -286,6 +291,7 @@ class _Link:
         return result
 
     def _largest(self, sources: tuple[Any, ...], offset: Floats) -> Floats:
+        """Return the largest coupling of two sources of these areas at each distance."""
         areas = [sum(e.area for e in flat_source(source).elements_in_plane) for source in sources]
         size = math.sqrt(areas[0]) * math.sqrt(areas[1]) / self.wavelength
         return np.minimum(1.0, size / np.linalg.norm(offset, axis=1))
@@ -335,6 +341,7 @@ def _check_heights(
 
 
 def _checked_method(method: Any, is_polarised: bool) -> str:
+    """Return the name of a method, or the default; raise ArgumentError for other values."""
     allowed = [name for name in get_args(LinkMethod) if (name in MODELS) == is_polarised]
     if method is None:
         return "huygens" if is_polarised else DEFAULT
@@ -344,6 +351,7 @@ def _checked_method(method: Any, is_polarised: bool) -> str:
 
 
 def checked_tolerance(tolerance: Any) -> float:
+    """Return the tolerance of a coupling; raise ArgumentError for other values."""
     return tolerance_from(tolerance, _TOLERANCE, _LEAST)
 
 
@@ -381,10 +389,12 @@ def polarised_kernel(
     r = sight.r
 
     def along(v: Complex) -> Complex:
+        """Return the component of vectors v along the lines between nodes."""
         v = np.broadcast_to(v, received.shape)
         return np.asarray(sum(v[:, k, None, None] * r[k] for k in range(3)) * inverse)
 
     def dyad(first: Complex, second: Complex) -> Complex:
+        """Return the electric field of a dipole along ``first``, projected onto ``second``."""
         product = np.broadcast_to(first * second, received.shape).sum(axis=1)[:, None, None]
         transverse = (1 + a * (1 + a)) * product
         return np.asarray(transverse - (1 + 3 * a * (1 + a)) * along(first) * along(second))
@@ -432,12 +442,13 @@ def root_of_norm(
 
 @lru_cache(maxsize=128)
 def _root_of_norm(source: Any, wavelength: float, method: str, normalise: str, jones: Any) -> float:
+    """Return :func:`root_of_norm` for a polarisation as bytes and shape, cached."""
     if jones is not None:
         parts = polarised_parts(source, np.frombuffer(jones[0], complex).reshape(jones[1]))
         if normalise == "aperture":
             return math.sqrt(sum(energy_of(part) for part, _ in parts))
         return math.sqrt(vector_powers(parts, wavelength, method)[0])
-    _check_field(source)
+    _check_sum(source)
     if normalise == "aperture":
         return math.sqrt(energy_of(source))
     condition = CONDITIONS[method if method in CONDITIONS else DEFAULT]
@@ -447,7 +458,8 @@ def _root_of_norm(source: Any, wavelength: float, method: str, normalise: str, j
     return math.sqrt(_radiated(source, wavelength, condition))
 
 
-def _check_field(source: Any) -> None:
+def _check_sum(source: Any) -> None:
+    """Raise IlluminationError if the fields of the elements of a source cancel."""
     norm = energy_of(flat_source(source))
     parts: float = sum(
         (abs(e.weight) * float(np.abs(e.amplitudes).max())) ** 2 * e.shape.area
@@ -461,7 +473,7 @@ def _check_field(source: Any) -> None:
 
 
 def _radiated(source: Any, wavelength: float, condition: Obliquity) -> float:
-    """Return ``int g |F|^2 dOmega/lambda^2`` in W."""
+    """Return the radiated power in W, for an obliquity factor that depends on the direction."""
     power = 0.0
     for directions, solid_angle in directions_and_weights(largest_lag(source), wavelength):
         factor = condition.amplitude(directions[:, 2]) ** 2 * solid_angle / wavelength**2

@@ -22,7 +22,7 @@ from polywigner.geometry.arguments import (
     warn_caller,
 )
 from polywigner.numerics import Complex, Floats
-from polywigner.propagation.point_grids import checked_angles
+from polywigner.propagation.point_grids import angle_axes, checked_angles
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.scattering.facet_beams import sums_of_beams
 from polywigner.scattering.facets import Body, Facets, axes_across, facets_of, warn_of_reflections
@@ -236,10 +236,10 @@ def rcs(
         return (area[()], power[()]) if return_power else area[()]
     if receiver is not None or return_power:
         raise ArgumentError("receiver and return_power require a source; pass source=")
-    return sections(facets, lengths, to_radar, to_transmitter, polarisation, reflections)[()]
+    return far_sections(facets, lengths, to_radar, to_transmitter, polarisation, reflections)[()]
 
 
-def sections(
+def far_sections(
     facets: Facets,
     lengths: Floats,
     to_radar: ArrayLike,
@@ -272,6 +272,7 @@ def sections(
 
 
 def warn_of_small(facets: Facets, wavelength: float) -> None:
+    """Warn if a face is smaller than a square wavelength."""
     if facets.least_face < wavelength:
         warn_caller(
             "physical optics requires faces of several wavelengths, but at the wavelength of "
@@ -290,6 +291,7 @@ def _power(
     """
 
     def field(h: Floats | Complex) -> Complex:
+        """Return the scattered field for the magnetic field h (m, 3), shape (m, 3)."""
         first: Complex = np.cross(sums, h)
         return first if later is None else first + np.einsum("mij,mj->mi", later, h)
 
@@ -387,6 +389,7 @@ class Pattern:
     facets: Facets = field(init=False)
 
     def __post_init__(self, body: Body) -> None:
+        """Check all arguments, and convert the body to triangles."""
         self.wavelength = checked_wavelength(self.wavelength)
         self.azimuth = checked_angles(self.azimuth, "azimuth", math.inf)
         self.elevation = checked_angles(self.elevation, "elevation", math.pi / 2)
@@ -433,9 +436,10 @@ class Pattern:
         lengths = np.asarray(self.wavelength)
         towards = self._towards(azimuth, elevation)
         how = self.to_transmitter, self.polarisation, self.bounces
-        return sections(self.facets, lengths, towards, *how, warns=False)
+        return far_sections(self.facets, lengths, towards, *how, warns=False)
 
     def dataset(self, values: Floats) -> xarray.Dataset:
+        """Return cross sections at all angles as a dataset."""
         from polywigner import __version__
 
         about: dict[str, Any] = {
@@ -454,24 +458,19 @@ class Pattern:
             "method": f"physical optics: {_REFLECTIONS[self.bounces]}, no edge diffraction",
             "polywigner_version": __version__,
         }
-        axes = {
-            "azimuth": (self.azimuth, "angle about z from x"),
-            "elevation": (self.elevation, "angle above z = 0"),
-        }
-        angles = {
-            name: labelled_array(angle, (name,), {"units": "rad", "long_name": meaning})
-            for name, (angle, meaning) in axes.items()
-        }
+        axes = angle_axes(azimuth=self.azimuth, elevation=self.elevation)
         table = {"rcs": labelled_array(values, tuple(axes), of_values)}
-        return labelled_arrays(table, angles, about)
+        return labelled_arrays(table, axes, about)
 
     def _some_directions(self) -> Floats:
+        """Return propagation directions (k, 3) of incident waves, for the reflection test."""
         if self.to_transmitter is not None:
             return -self.to_transmitter[None]
         step = math.ceil(math.sqrt(math.prod(self.shape) / _MOST_WARNED))
         return -self._towards(self.azimuth[::step, None], self.elevation[::step]).reshape(-1, 3)
 
     def _towards(self, azimuth: Floats, elevation: Floats) -> Floats:
+        """Return unit vectors towards the radar at angles in rad, displaced from the poles."""
         across = np.cos(elevation)
         is_same_around = self.to_transmitter is None and self.bounces == 1
         pole = 0.0 if is_same_around else _NEAR_POLE

@@ -81,13 +81,14 @@ def sums_of_beams(
     at_once = max(1, _AT_ONCE // len(facets.corner))
 
     def add(group: list[View]) -> None:
+        """Add the fields of some pairs of directions; retry single pairs after an error."""
         for view in group:
             first[view.rows] = surface_sums(view.pieces, nu[view.rows])
         if later is None:
             return
         ends = Ends(group, k, s)
         try:
-            for hits in followed(facets, ends, bounces):
+            for hits in hits_after(facets, ends, bounces):
                 _add_fields(later, facets, hits, ends, lengths)
         except _ERRORS as error:
             later[ends.samples] = 0.0
@@ -136,6 +137,7 @@ class Ends:
     """The m transmitters and n receivers of n views, sorted by transmitter."""
 
     def __init__(self, views: Sequence[View], k: Floats, s: Floats) -> None:
+        """Group views by transmitter; ``k`` and ``s`` are the directions of all samples."""
         before = [None, *(view.lit for view in views)]
         new = [view.lit is not last for view, last in zip(views, before, strict=False)]
         of_transmitter = [j for j, is_new in enumerate(new) if is_new]
@@ -156,12 +158,16 @@ class Ends:
 
 
 def _runs(counts: ArrayLike) -> tuple[Indices, Indices]:
+    """Return the first index and the length of consecutive ranges with given lengths."""
     numbers = np.asarray(counts, np.intp)
     return np.cumsum(numbers) - numbers, numbers
 
 
 def _members(owner: Indices, runs: tuple[Indices, Indices]) -> tuple[Indices, Indices]:
-    """Return the position in ``owner`` and the value of each index in ranges ``runs[owner]``."""
+    """Return all indices in the ranges ``runs[owner]``, after their positions in ``owner``.
+
+    Both arrays have one entry for each index. ``runs``: first index and length of each range.
+    """
     begins, counts = (column[owner] for column in runs)
     pair = np.repeat(np.arange(len(owner)), counts)
     return pair, np.arange(len(pair)) + (begins - np.cumsum(counts) + counts)[pair]
@@ -174,6 +180,7 @@ def _views(
     monostatic: bool,
     failures: list[tuple[Indices, Exception]],
 ) -> Iterator[View]:
+    """Yield the view of each pair of directions (k, s); add views that fail to ``failures``."""
     pairs, owner = np.unique(np.concatenate([k, s], axis=1), axis=0, return_inverse=True)
     order = np.argsort(owner.ravel(), kind="stable")
     ends = np.searchsorted(owner.ravel()[order], np.arange(1, len(pairs)))
@@ -214,6 +221,7 @@ class Beams:
     """Cross section in the transmitter's image plane, shape (n,)."""
 
     def taken(self, rows: Indices | slice) -> Beams:
+        """Return the beams with the given indices."""
         return Beams(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
     def __len__(self) -> int:
@@ -237,7 +245,7 @@ class Hits:
     """Illuminated part in coordinates of the triangle, as in :class:`Visible`, shape (n,)."""
 
 
-def followed(facets: Facets, ends: Ends, bounces: int) -> Iterator[Hits]:
+def hits_after(facets: Facets, ends: Ends, bounces: int) -> Iterator[Hits]:
     """Yield the illuminated parts of triangles after each reflection.
 
     Raises ArgumentError if the computation would take more than several minutes.
@@ -259,6 +267,7 @@ def followed(facets: Facets, ends: Ends, bounces: int) -> Iterator[Hits]:
 
 
 def _first_beams(facets: Facets, ends: Ends) -> Beams:
+    """Return the beams that the illuminated parts of a body reflect."""
     signs = np.stack([lit.signs for lit in ends.lit])
     wave, facet = np.nonzero(signs)
     parts = np.stack([lit.parts for lit in ends.lit])[wave, facet]
@@ -293,15 +302,17 @@ def _reflected(facets: Facets, hits: Hits) -> Beams:
     normal = facets.normal[facet] * hits.signs[first, None]
     height = (normal * facets.corner[facet]).sum(axis=1)
     mirror = np.eye(3) - 2 * normal[:, :, None] * normal[:, None, :]
-    shift = before.shift + 2 * height[:, None] * _times(before.rotation, normal)
+    shift = before.shift + 2 * height[:, None] * _transformed(before.rotation, normal)
     return Beams(before.wave, before.rotation @ mirror, shift, normal, height, polygons)
 
 
-def _times(matrices: Floats, vectors: Floats) -> Floats:
+def _transformed(matrices: Floats, vectors: Floats) -> Floats:
+    """Return the product of each matrix (n, 3, 3) with a vector (n, 3)."""
     return np.asarray((matrices @ vectors[..., None])[..., 0])
 
 
 def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
+    """Return the parts of all triangles that beams illuminate after their last reflection."""
     beam, facet, signs = _candidates(facets, ends, beams)
     pairs, corners = beams.taken(beam), facets.corners[facet]
     unfolded = corners @ np.swapaxes(pairs.rotation, 1, 2) + pairs.shift[:, None]
@@ -312,7 +323,7 @@ def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
     # Restore the counter-clockwise order.
     backwards = (signs < 0) ^ (np.linalg.det(pairs.rotation) < 0)
     points[backwards], ahead[backwards] = points[backwards, ::-1], ahead[backwards, ::-1]
-    beyond, number = _in_front(points, ahead)
+    beyond, number = _clipped(points, ahead)
     projected = Projected(beyond[..., :2], beyond[..., 2], facets.size, np.ones(beyond.shape[:2]))
     wide = projected.has_width
     number, projected = number[wide], projected.subset(wide)
@@ -323,7 +334,7 @@ def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
     # Without a grid, GEOS sometimes loses polygons with edges on the window's edges.
     grid = GRID * facets.size
     lit = intersections(window[meets], triangles, grid)
-    boxes = _side_by_side(projected.points, beam[number], facets.size)
+    boxes = _displaced_boxes(projected.points, beam[number], facets.size)
     shadowed, left = less_shadows(projected, triangles, lit, boxes, grid)
     lit[shadowed] = left
     least = NOTHING * facets.size * shapely.length(triangles)
@@ -334,18 +345,20 @@ def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
 
 
 def _heights(facets: Facets, beams: Beams, corners: Floats) -> Floats:
+    """Return the heights of corners (n, 3, 3) above the last mirrors of n beams, shape (n, 3)."""
     heights = (corners @ beams.normal[:, :, None])[..., 0] - beams.height[:, None]
     heights[np.abs(heights) < NOTHING * facets.size] = 0.0
     return np.asarray(heights)
 
 
 def _candidates(facets: Facets, ends: Ends, beams: Beams) -> tuple[Indices, Indices, Sides]:
+    """Return beam, triangle and illuminated side of pairs whose bounding boxes overlap."""
     points = facets.corners.reshape(-1, 3)
     step, columns = max(1, _BLOCK // len(points)), []
     for start in range(0, len(beams), step):
         block = beams.taken(slice(start, start + step))
         shape = len(block), len(facets.corner), 3
-        sides = facing(facets, _times(np.swapaxes(block.rotation, 1, 2), ends.k[block.wave]))
+        sides = facing(facets, _transformed(np.swapaxes(block.rotation, 1, 2), ends.k[block.wave]))
         may_meet = sides != 0
         heights = (block.normal @ points.T).reshape(shape) - block.height[:, None, None]
         may_meet &= heights.max(axis=2) >= NOTHING * facets.size
@@ -363,7 +376,7 @@ def _candidates(facets: Facets, ends: Ends, beams: Beams) -> tuple[Indices, Indi
     return beam, facet, signs
 
 
-def _in_front(corners: Floats, heights: Floats) -> tuple[Floats, Indices]:
+def _clipped(corners: Floats, heights: Floats) -> tuple[Floats, Indices]:
     """Return the parts (m, 3, 3) of triangles in front of mirrors, and their triangle indices."""
     below = (heights < 0).sum(axis=1)
     (complete,), (quadrangle,), (tip,) = (np.nonzero(below == count) for count in range(3))
@@ -386,7 +399,7 @@ def _in_front(corners: Floats, heights: Floats) -> tuple[Floats, Indices]:
     return triangles, np.concatenate([rows for _, rows in parts])
 
 
-def _side_by_side(points: Floats, beam: Indices, size: float) -> Shapes:
+def _displaced_boxes(points: Floats, beam: Indices, size: float) -> Shapes:
     """Return bounding boxes, displaced so that boxes of different beams do not overlap."""
     slack = _SLACK * size
     low, high = points.min(axis=1) - slack, points.max(axis=1) + slack
@@ -412,7 +425,7 @@ def _add_fields(later: Complex, facets: Facets, hits: Hits, ends: Ends, lengths:
     k = ends.k[beams.wave]
     # Path lengths at a corner and along two sides. Divided by the wavelength, they are phases in
     # cycles.
-    rate = ends.s[view] - _times(back, k)
+    rate = ends.s[view] - _transformed(back, k)
     corner, first, second = (
         (rate * part).sum(axis=1) for part in (pieces.corner, pieces.first, pieces.second)
     )

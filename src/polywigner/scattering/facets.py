@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.execution.progress import with_progress
-from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, triangulate
+from polywigner.geometry import Aperture, PlacedAperture, Polyhedron
 from polywigner.geometry.arguments import warn_caller
 from polywigner.geometry.hidden_parts import (
     GRID,
@@ -31,7 +31,8 @@ from polywigner.geometry.hidden_parts import (
     mended,
 )
 from polywigner.geometry.parts import connected
-from polywigner.numerics import Complex, Floats, Indices
+from polywigner.geometry.silhouettes import obstacle_of, shells
+from polywigner.numerics import Complex, Floats, Indices, cluster_indices
 from polywigner.numerics.phases import rotated, simplex_plane_wave
 from polywigner.source import Array
 
@@ -43,8 +44,6 @@ Body = Aperture | PlacedAperture | Polyhedron | Array | Sequence[Any]
 _EXPECTED = "expected a body (Polyhedron, Aperture, placed Aperture, or an Array or list of these)"
 # Smallest cosine between normals of adjacent triangles of a smooth face.
 SMOOTH = math.cos(math.radians(30))
-# Depth of a dent that counts as a rounding error, relative to the body size.
-_FLAT = 1e-9
 # Tolerance on the normals of coplanar triangles, and on their plane offsets relative to the body
 # size. Multiplied by the body size in wavelengths, it is the phase error in cycles.
 _ONE_PLANE = 1e-12
@@ -65,8 +64,8 @@ class Facets:
     """Vectors to the third corners, shape (n, 3)."""
     is_plate: NDArray[np.bool_]
     """Whether the triangle belongs to a plate, which has two outer sides, shape (n,)."""
-    is_single: bool
-    """Whether the body is a single plate or polyhedron."""
+    casts_shadows: bool
+    """Whether a triangle may hide another triangle."""
     centre: Floats
     """Centre of the bounding box in the body's frame in m, shape (3,)."""
 
@@ -91,8 +90,7 @@ class Facets:
     def plane(self) -> Indices:
         """Index of the plane of each triangle, shape (n,)."""
         height = (self.normal * self.corner).sum(axis=1, keepdims=True) / self.size
-        rows = np.round(np.concatenate([self.normal, height], axis=1) / _ONE_PLANE)
-        return np.asarray(np.unique(rows + 0.0, axis=0, return_inverse=True)[1].ravel())
+        return cluster_indices(np.concatenate([self.normal, height], axis=1), _ONE_PLANE)
 
     @cached_property
     def neighbours(self) -> tuple[Indices, Indices]:
@@ -105,11 +103,6 @@ class Facets:
         order = np.argsort(keys, kind="stable")
         (same,) = np.nonzero(keys[order][1:] == keys[order][:-1])
         return order[same] // 3, order[same + 1] // 3
-
-    @cached_property
-    def casts_shadows(self) -> bool:
-        """Whether a triangle may hide another triangle."""
-        return not (self.is_single and (self.is_plate.all() or _is_convex(self)))
 
     @cached_property
     def surface(self) -> Indices:
@@ -138,10 +131,11 @@ def facets_of(body: Any) -> Facets:
 
     Raises ArgumentError for other objects, and for plates with a field.
     """
-    return _facets(_parts(body))
+    return _facets(_bodies(body))
 
 
-def _parts(body: Any) -> tuple[Polyhedron | Aperture | PlacedAperture, ...]:
+def _bodies(body: Any) -> tuple[Polyhedron | PlacedAperture, ...]:
+    """Return bodies and plates as a tuple; raise ArgumentError for other objects."""
     if isinstance(body, Array):
         if not (body.weights == 1).all():
             raise ArgumentError(
@@ -152,27 +146,30 @@ def _parts(body: Any) -> tuple[Polyhedron | Aperture | PlacedAperture, ...]:
     parts = tuple(body) if isinstance(body, Iterable) else (body,)
     if not parts:
         raise ArgumentError(f"{_EXPECTED}, got an empty list")
-    for part in parts:
-        if not isinstance(part, (Aperture, PlacedAperture, Polyhedron)):
+    placed = [part.placed(np.eye(4)) if isinstance(part, Aperture) else part for part in parts]
+    for part in placed:
+        if not isinstance(part, PlacedAperture | Polyhedron):
             raise ArgumentError(f"{_EXPECTED}, got {type(part).__name__}")
-        if not isinstance(part, Polyhedron) and _outline(part).illumination is not None:
+        if isinstance(part, PlacedAperture) and part.aperture.illumination is not None:
             raise ArgumentError(
                 "a plate must not have an illumination, because the radar illuminates it; remove "
                 "the illumination with with_illumination(None)"
             )
-    return parts
+    return tuple(placed)
 
 
 # Hashing a million vertices takes some ms, less than computing their triangles.
 @lru_cache(maxsize=16)
-def _facets(parts: tuple[Polyhedron | Aperture | PlacedAperture, ...]) -> Facets:
+def _facets(parts: tuple[Polyhedron | PlacedAperture, ...]) -> Facets:
+    """Return the triangles of all bodies and plates."""
+    surfaces = [surface for part in parts for surface in shells(obstacle_of(part))]
     corners, plates = [], []
-    for part in parts:
-        points = part.vertices[part.triangles] if isinstance(part, Polyhedron) else _of_plate(part)
+    for surface in surfaces:
+        points = surface.vertices[surface.triangles]
         area = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
         points = points[np.abs(area).max(axis=1) > 0]
         corners.append(points)
-        plates.append(np.full(len(points), not isinstance(part, Polyhedron)))
+        plates.append(np.full(len(points), not surface.is_solid))
     triangles = np.concatenate(corners)
     low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
     centre = low + (high - low) / 2
@@ -182,41 +179,9 @@ def _facets(parts: tuple[Polyhedron | Aperture | PlacedAperture, ...]) -> Facets
         triangles[:, 1] - triangles[:, 0],
         triangles[:, 2] - triangles[:, 0],
         np.concatenate(plates),
-        len(parts) == 1,
+        len(surfaces) > 1 or not surfaces[0].is_simple,
         centre,
     )
-
-
-def _outline(plate: Aperture | PlacedAperture) -> Aperture:
-    return plate.aperture if isinstance(plate, PlacedAperture) else plate
-
-
-def _of_plate(plate: Aperture | PlacedAperture) -> Floats:
-    pose = plate.pose if isinstance(plate, PlacedAperture) else np.eye(4)
-    points, triangles = triangulate(_outline(plate))
-    placed: Floats = points @ pose[:3, :2].T + pose[:3, 3]
-    return placed[triangles]
-
-
-def _is_convex(solid: Facets) -> bool:
-    """Return whether a solid is convex; False if in doubt."""
-    pairs = solid.neighbours
-    # A closed mesh has two triangles per edge.
-    if 2 * len(pairs[0]) != 3 * len(solid.corner):
-        return False
-    for here, there in (pairs, pairs[::-1]):
-        away = solid.corners[there] - solid.corner[here, None]
-        # A third corner in front of the triangle makes the common edge concave.
-        if (away @ solid.normal[here, :, None]).max() > _FLAT * solid.size:
-            return False
-    corners = solid.corners - solid.corners.mean(axis=(0, 1))
-    # Without concave edges, a closed surface is convex if it winds once around the centre. A ray
-    # from the centre then meets only one triangle. It meets a triangle if it lies inside the three
-    # planes through the centre and the sides of the triangle.
-    ray = corners[0].mean(axis=0)
-    sides = [np.cross(corners[:, k], corners[:, (k + 1) % 3]) @ ray >= 0 for k in range(3)]
-    is_star_shaped = ((corners[:, 0] * solid.normal).sum(axis=1) > 0).all()
-    return bool(is_star_shaped) and int(np.all(sides, axis=0).sum()) == 1
 
 
 # Cosine of the incidence angle below which faces count as edge-on and dark.
@@ -238,6 +203,7 @@ class Pieces:
     """Normals on the illuminated side, times twice the areas, shape (n, 3)."""
 
     def taken(self, rows: Indices | slice) -> Pieces:
+        """Return the triangles with the given indices."""
         return Pieces(self.corner[rows], self.first[rows], self.second[rows], self.vector[rows])
 
     def __len__(self) -> int:
@@ -271,6 +237,10 @@ def facing_point(facets: Facets, point: Floats) -> Sides:
 
 
 def _sides(cosine: Floats, is_plate: NDArray[np.bool_]) -> Sides:
+    """Return the sides of triangles that face an observer.
+
+    ``cosine``: cosine between the outward normals and the direction from the observer.
+    """
     sides = (cosine < -_EDGE_ON).astype(np.int8)
     sides -= ((cosine > _EDGE_ON) & is_plate).astype(np.int8)
     return sides
@@ -288,6 +258,7 @@ def visible_along(facets: Facets, direction: Floats) -> Visible:
     across = axes_across(direction)
 
     def projected(corners: Floats) -> Projected:
+        """Project corners (n, 3, 3) along parallel lines onto the image."""
         depth = corners @ direction
         return Projected(corners @ across.T, depth, facets.size, np.ones_like(depth))
 
@@ -303,6 +274,7 @@ def visible_from(facets: Facets, point: Floats, frame: Floats) -> Visible:
     distance = float(((facets.corners - point) @ frame[2]).mean())
 
     def projected(corners: Floats) -> Projected:
+        """Project corners (n, 3, 3) in perspective onto the image."""
         return in_perspective(corners - point, frame, distance, facets.size)
 
     return _visible(facets, facing_point(facets, point), projected)
@@ -337,13 +309,13 @@ def _visible(facets: Facets, signs: Sides, project: Callable[[Floats], Projected
     return Visible(signs, parts)
 
 
-def less_hidden(lit: Visible, visible: Visible, faces: Sides) -> Visible:
+def less_hidden(illuminated: Visible, visible: Visible, faces: Sides) -> Visible:
     """Remove the parts hidden from a receiver; ``faces`` are the sides that face the receiver.
 
     Illuminated sides that face away from the receiver remain, because they contribute to the
     forward field.
     """
-    signs, parts = lit.signs.copy(), lit.parts.copy()
+    signs, parts = illuminated.signs.copy(), illuminated.parts.copy()
     faces_receiver = (signs != 0) & (signs == faces)
     signs[faces_receiver & (visible.signs == 0)] = 0
     (cut,) = np.nonzero(faces_receiver & (visible.signs != 0) & ~shapely.is_missing(visible.parts))
@@ -354,6 +326,7 @@ def less_hidden(lit: Visible, visible: Visible, faces: Sides) -> Visible:
 
 
 def visible_pieces(facets: Facets, visible: Visible) -> Pieces:
+    """Return the visible parts of a body, divided into triangles."""
     (rows,) = np.nonzero(visible.signs)
     return pieces_of(facets, rows, visible.signs[rows], visible.parts[rows])[0]
 
@@ -375,6 +348,7 @@ def pieces_of(
     weights = np.concatenate([signs[complete], signs[owner] * measure])
 
     def at(point: Floats) -> Floats:
+        """Map coordinates along two sides of the cut triangles to vectors (k, 3)."""
         return point[:, :1] * first + point[:, 1:] * second
 
     rows = np.concatenate([complete, owner])
@@ -444,6 +418,7 @@ _STEPS = 0.7548776662466927, 0.5698402909980532
 
 
 def warn_of_reflections(facets: Facets, travelling: Floats) -> None:
+    """Warn if waves along ``travelling`` (n, 3) are reflected from one face to another."""
     if illuminates_itself(facets, travelling):
         warn_caller(
             "faces of the body illuminate each other, but paths with two or three reflections, "

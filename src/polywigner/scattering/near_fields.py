@@ -18,7 +18,7 @@ from shapely.errors import GEOSException
 
 from polywigner.errors import ArgumentError, GeometryError, value_text
 from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import checked_choice, checked_vectors, rigid_poses, warn_caller
+from polywigner.geometry.arguments import checked_choice, real_array, rigid_poses, warn_caller
 from polywigner.numerics import Complex, Floats
 from polywigner.propagation import amplitude_with_error, field
 from polywigner.propagation.boundary import Radiator, boundary_field, cosines_of, radiator_of
@@ -58,6 +58,7 @@ def checked_unit_vectors(name: str, vectors: Any) -> Floats:
 
 
 def broadcast_shape(*shapes: tuple[int, ...]) -> tuple[int, ...]:
+    """Return the common shape of array arguments; raise ArgumentError if there is none."""
     try:
         return np.broadcast_shapes(*shapes)
     except ValueError:
@@ -166,7 +167,7 @@ class Antenna:
         method = self.condition if self.jones is None else _MODEL
         return root_of_norm(self.source, self.wavelength, method, self.normalise, self.jones)
 
-    def inside(self, points: Floats) -> Floats:
+    def to_frame(self, points: Floats) -> Floats:
         """Map points to the source's frame."""
         return np.asarray(points @ self.frame.T + self.pose[:3, 3])
 
@@ -175,8 +176,9 @@ class Antenna:
         return np.asarray(self._amplitude(points)[0] / self.root_of_power)
 
     def _amplitude(self, points: Floats) -> tuple[Complex, Floats]:
+        """Return the scalar field of the unscaled source at points, and its error."""
         how: Any = self.wavelength, self.condition
-        points = self.inside(points)
+        points = self.to_frame(points)
         field, error = amplitude_with_error(self.source, points, *how, tolerance=self.tolerance)
         return np.asarray(field), np.asarray(error)
 
@@ -189,23 +191,24 @@ class Antenna:
         """
         if self.jones is None:
             how = self.wavelength, self.condition, self.tolerance
-            gradient = field_gradient(radiator_of(self.source), self.inside(points), *how)
+            gradient = field_gradient(radiator_of(self.source), self.to_frame(points), *how)
             scale = self.wavelength / (2j * np.pi * self.root_of_power)
             field, slope = self.field(points), (gradient @ self.frame) * scale
             strength, flow = np.abs(field) ** 2, field.conj()[:, None] * slope
         else:
-            field, slope = self._vectors(points)
+            field, slope = self._fields(points)
             strength, flow = np.square(np.abs(field)).sum(axis=1), np.cross(field, slope.conj())
         rate = flow.real / np.maximum(strength, np.finfo(float).tiny)[:, None]
         return field, slope, rate / np.maximum(np.linalg.norm(rate, axis=1, keepdims=True), 1.0)
 
-    def _vectors(self, points: Floats) -> tuple[Complex, Complex]:
+    def _fields(self, points: Floats) -> tuple[Complex, Complex]:
+        """Return the electric field, and the magnetic field times the impedance, for 1 W."""
         assert self.jones is not None
         # The magnetic field times the impedance of free space equals the electric field of the dual
         # currents. The polarisation of dual Huygens' currents is rotated by 90 degrees.
         dual = np.stack([-self.jones[..., 1], self.jones[..., 0]], axis=-1)
         electric, magnetic = (
-            field(self.source, self.inside(points), self.wavelength, p, tolerance=self.tolerance)
+            field(self.source, self.to_frame(points), self.wavelength, p, tolerance=self.tolerance)
             for p in (self.jones, dual)
         )
         scale = self.frame / self.root_of_power
@@ -214,12 +217,13 @@ class Antenna:
     def power_at_centre(self) -> float:
         """Return |U|^2 at the body's centre for 1 W, 0 if |U| does not exceed its error."""
         if self.jones is not None:
-            return float(np.square(np.abs(self._vectors(np.zeros(3))[0])).sum())
+            return float(np.square(np.abs(self._fields(np.zeros(3))[0])).sum())
         value, error = self._amplitude(np.zeros(3))
         return float(abs(value) / self.root_of_power) ** 2 if abs(value) > error else 0.0
 
     def check_in_front(self, facets: Facets, name: str) -> None:
-        lowest = float(self.inside(facets.corners.reshape(-1, 3))[:, 2].min())
+        """Raise GeometryError if a part of a body is behind the plane of the antenna."""
+        lowest = float(self.to_frame(facets.corners.reshape(-1, 3))[:, 2].min())
         if not lowest > 0:
             raise GeometryError(
                 f"the entire body must be in front of the plane of the {name}, got a part at z = "
@@ -238,12 +242,11 @@ def checked_poses(name: str, positions: ArrayLike, centre: Floats) -> Floats:
         f"with a source, expected {name} to be vectors (..., 3) in m from the body's centre to the "
         "source, or as poses (..., 4, 4) that map the body's frame into the source's frame"
     )
-    array = checked_vectors(positions, expected, ())
+    array = real_array(positions, expected, (..., 4, 4), (..., 3))
     if array.shape[-2:] == (4, 4):
         poses = rigid_poses(array, name)
         poses[..., :3, 3] += poses[..., :3, :3] @ centre
         return poses
-    array = checked_vectors(array, expected, (3,))
     distance = np.linalg.norm(array, axis=-1, keepdims=True)
     if not (np.isfinite(distance) & (distance > 0)).all():
         raise ArgumentError(f"{expected}, got a vector that is zero or not finite")
@@ -270,7 +273,7 @@ def field_gradient(
     """Return the gradient of the exact field at points by (G6) and (G7), shape (n, 3)."""
     gradient = np.zeros((len(points), 3), np.complex128)
     for axis in range(3):
-        carried = _carried(radiator, wavelength, axis)
+        carried = _derivative(radiator, wavelength, axis)
         if any(element.amplitudes.any() for element in carried.elements):
             name = method if axis < 2 else DERIVATIVE_OF[method]
             how = (wavelength, name, tolerance, "auto")
@@ -288,7 +291,8 @@ def field_gradient(
     return gradient
 
 
-def _carried(radiator: Radiator, wavelength: float, axis: int) -> Radiator:
+def _derivative(radiator: Radiator, wavelength: float, axis: int) -> Radiator:
+    """Return a radiator with each plane wave multiplied by 2 pi i times a frequency component."""
     elements = []
     for element in radiator.elements:
         rates = (
@@ -326,7 +330,7 @@ def near_sums(
     object, its fields are computed once.
     """
     try:
-        lit = _lit(facets, transmitter, receiver)
+        lit = _illuminated(facets, transmitter, receiver)
     except GEOSException as error:
         warn_caller(
             f"the illuminated polygons cannot be computed and the result is NaN ({error}); rotate "
@@ -334,7 +338,7 @@ def near_sums(
         )
         shape = np.broadcast_shapes(*(vectors.shape for vectors in polarisations))
         return np.full(shape[:-1], complex(np.nan, np.nan))
-    pieces = _fine(lit, transmitter, receiver, math.sqrt(tolerance) * _OF_ROOT)
+    pieces = _divided(lit, transmitter, receiver, math.sqrt(tolerance) * _OF_ROOT)
     sums = [_summed(pieces, split, transmitter, receiver, polarisations) for split in (False, True)]
     return np.asarray((4 * sums[1] - sums[0]) / 3)
 
@@ -360,7 +364,7 @@ def echo(
         _, later = sums_of_beams(facets, ahead[None], -back[None], lengths, False, bounces)
         if later is not None:
             q, p = (
-                _across(vector, ray[None])[0]
+                _transverse(vector, ray[None])[0]
                 for vector, ray in zip(polarisations, (back, ahead), strict=True)
             )
             there = transmitter.field(np.zeros(3)) * receiver.field(np.zeros(3))
@@ -389,8 +393,8 @@ def _summed(
         if transmitter.jones is not None:
             parts = (back * np.cross(block.vector, slope)).sum(axis=-1)
         else:
-            q_there = _across(q, centre - receiver.position)
-            p_there = _across(p, centre - transmitter.position)
+            q_there = _transverse(q, centre - receiver.position)
+            p_there = _transverse(p, centre - transmitter.position)
             parts = (q_there * slope).sum(axis=-1) * (p_there * block.vector).sum(axis=-1)
             parts -= (q_there * p_there).sum(axis=-1) * (slope * block.vector).sum(axis=-1)
             parts = parts * back
@@ -401,7 +405,8 @@ def _summed(
     return total
 
 
-def _lit(facets: Facets, transmitter: Antenna, receiver: Antenna) -> Pieces:
+def _illuminated(facets: Facets, transmitter: Antenna, receiver: Antenna) -> Pieces:
+    """Return the parts of a body that are visible from transmitter and receiver."""
     if not facets.casts_shadows:
         signs = facing_point(facets, transmitter.position)
         return visible_pieces(facets, Visible(signs, np.full(len(signs), None)))
@@ -412,10 +417,11 @@ def _lit(facets: Facets, transmitter: Antenna, receiver: Antenna) -> Pieces:
     return visible_pieces(facets, visible)
 
 
-def _fine(pieces: Pieces, transmitter: Antenna, receiver: Antenna, tolerance: float) -> Pieces:
+def _divided(pieces: Pieces, transmitter: Antenna, receiver: Antenna, tolerance: float) -> Pieces:
+    """Divide pieces until the fields of both antennas on each piece are nearly plane waves."""
     done, count = [pieces.taken(slice(0))], 0
     while len(pieces):
-        coarse = _departure(pieces, transmitter, receiver) > tolerance
+        coarse = _deviation(pieces, transmitter, receiver) > tolerance
         done.append(pieces.taken(np.flatnonzero(~coarse)))
         pieces = pieces.taken(np.flatnonzero(coarse))
         count += len(done[-1])
@@ -429,7 +435,7 @@ def _fine(pieces: Pieces, transmitter: Antenna, receiver: Antenna, tolerance: fl
     return Pieces(*map(np.concatenate, columns))
 
 
-def _departure(pieces: Pieces, transmitter: Antenna, receiver: Antenna) -> Floats:
+def _deviation(pieces: Pieces, transmitter: Antenna, receiver: Antenna) -> Floats:
     """Return the mean relative deviation of fields from plane waves on each piece (SC4)."""
     sides = (pieces.first, pieces.second, pieces.second - pieces.first)
     longest = np.max([np.linalg.norm(side, axis=1) for side in sides], axis=0)
@@ -438,7 +444,7 @@ def _departure(pieces: Pieces, transmitter: Antenna, receiver: Antenna) -> Float
     for antenna in (transmitter, receiver):
         wave_number = 2 * np.pi / antenna.wavelength
         to_centre = np.linalg.norm(centre - antenna.position, axis=1)
-        height = np.abs(antenna.inside(centre)[:, 2])
+        height = np.abs(antenna.to_frame(centre)[:, 2])
         distance = np.maximum(to_centre - antenna.extent / 2, height)
         total += wave_number * longest**2 * _OF_TRIANGLE / distance
         spread = antenna.extent / np.hypot(distance, antenna.extent)
@@ -447,6 +453,7 @@ def _departure(pieces: Pieces, transmitter: Antenna, receiver: Antenna) -> Float
 
 
 def _quartered(pieces: Pieces) -> Pieces:
+    """Divide each triangle into four congruent triangles."""
     corner, first, second = pieces.corner, pieces.first / 2, pieces.second / 2
     return Pieces(
         np.concatenate([corner, corner + first, corner + second, corner + first + second]),
@@ -456,7 +463,7 @@ def _quartered(pieces: Pieces) -> Pieces:
     )
 
 
-def _across(polarisation: Complex, ray: Floats) -> Complex:
+def _transverse(polarisation: Complex, ray: Floats) -> Complex:
     """Return the normalised projections of polarisations normal to rays, shape (..., n, 3)."""
     along = ray / np.linalg.norm(ray, axis=1, keepdims=True)
     vectors = polarisation[..., None, :]

@@ -156,7 +156,10 @@ def _otf_jets(
             values = lag_marginal(source, lags, **how)
         else:
             values = ambiguity(source, -2.0 * bend * lags, lags, **how)
-        return np.reshape(values / checked_energy(source) + 0j, (-1, 1))
+        # In place, because page faults of another array would take longer than the kernel.
+        values = np.asarray(values)
+        values /= checked_energy(source)
+        return np.reshape(values + 0j, (-1, 1))
     length = 1.0
     if aberration is not None:
         length = checked_aberration(aberration, wavelength, has_gradients=True)

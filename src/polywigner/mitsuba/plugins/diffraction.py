@@ -165,6 +165,7 @@ class Shadows:
         return real * real + imag * imag
 
     def _load(self, nodes: SourceNodes, tables: EdgeTables) -> None:
+        """Copy the tables to the device, and set the numbers of nodes, groups and points."""
         m, ops = self._m, self._ops
         every = *node_tables(nodes), *tables
         names = (*NodeTables._fields, *EdgeTables._fields)
@@ -179,10 +180,12 @@ class Shadows:
         self._has_edges = len(tables.edges) > 0  # A body around the source has no silhouette.
 
     def _field(self, at: Point) -> Field:
+        """Return the field with obstacles at a point in wavelengths, if |u|^2 = 1 at the source."""
         m, ops = self._m, self._ops
         wave_of = self._waves_of_nodes(at)
 
         def add_node(number: Drjit, real: Drjit, imag: Drjit, *free: Drjit) -> tuple[Drjit, ...]:
+            """Add the wave of a node, with and without obstacles, to the sums of waves."""
             row = ops.gather(self._tables["nodes"], number)
             parts = wave_of(number)
             hidden = self._hidden(row, self._path(row, at)[0])
@@ -202,10 +205,12 @@ class Shadows:
         faint = (_FAINT / ops.maximum(level, _WEAK)) ** 2
 
         def add_group(number: Drjit, real: Drjit, imag: Drjit) -> Field:
+            """Add the changes of the field that the edges of a group cause."""
             group = ops.gather(self._tables["groups"], number)
             weight = self._transmission(group, at)
 
             def add_edge(number: Drjit, real: Drjit, imag: Drjit) -> Field:
+                """Add the change of the field that an edge causes, unless it is faint."""
                 row = ops.gather(self._tables["edges"], number)
                 centre = tuple(m.Float(c) for c in self._centre)
                 detour, _, foot, excess = edge_waves.path_over(ops, centre, at, row[:3], row[3:6])
@@ -215,6 +220,7 @@ class Shadows:
                 edge = _Edge(row, detour, foot)
 
                 def add_waves(real: Drjit, imag: Drjit) -> Field:
+                    """Add the change of the field that the edge causes."""
                     change = self._edge_change(edge, at, wave_of) * weight
                     return real + change.real, imag + change.imag
 
@@ -235,6 +241,7 @@ class Shadows:
         m, ops, count = self._m, self._ops, self._few_nodes
 
         def radiated(number: Drjit) -> tuple[Values, Values]:
+            """Return the wave of a radiating point, and its fractions that nodes represent."""
             row = ops.gather(self._tables["points"], number)
             ahead, turns = self._path(row, at)
             wave = equivalent_points.wave_ahead(ops, ahead, row[3:5], row[5:7], turns)
@@ -249,6 +256,7 @@ class Shadows:
         width = 4 if self._is_oblique else 2
 
         def add_point(number: Drjit, *sums: Drjit) -> Values:
+            """Add the wave of a radiating point to the waves of all nodes."""
             parts, fractions = radiated(number)
             products = (part * fraction for fraction in fractions for part in parts)
             return tuple(a + b for a, b in zip(sums, products, strict=True))
@@ -257,6 +265,7 @@ class Shadows:
         waves = [sums[start : start + width] for start in range(0, len(sums), width)]
 
         def wave_of(number: Drjit) -> Values:
+            """Return the wave of the node with an index."""
             chosen = waves[0]
             for k, wave in enumerate(waves[1:], 1):
                 chosen = tuple(map(partial(dr.select, number == k), wave, chosen))
@@ -274,9 +283,11 @@ class Shadows:
         span = m.UInt32(row[10]), m.UInt32(row[11])
 
         def near(real: Drjit, imag: Drjit) -> Field:
+            """Add the changes with the waves of the nodes at the point as weights."""
             return self._summed(span, partial(self._change_at, wave_of), edge, at, (real, imag))
 
         def far(real: Drjit, imag: Drjit) -> Field:
+            """Add the changes with the waves of the nodes at the edge as weights."""
             by_centre = edge.detour > row[17]
             last = m.UInt32(self._counts[0])
             ends = dr.select(by_centre, last, span[0]), dr.select(by_centre, last + 1, span[1])
@@ -294,7 +305,13 @@ class Shadows:
         at: Point,
         start: Field,
     ) -> Field:
+        """Return ``start`` plus the changes of the field that an edge causes, for a span of nodes.
+
+        ``change_of(node, edge, at)`` returns the change of the wave of one node at a point.
+        """
+
         def add(number: Drjit, real: Drjit, imag: Drjit) -> Field:
+            """Add the change of the wave of one node."""
             change = change_of(number, edge, at)
             return real + change.real, imag + change.imag
 
@@ -375,6 +392,7 @@ class Shadows:
 
     @staticmethod
     def _if(condition: Drjit, compute: Callable[..., Any], state: Any) -> Any:
+        """Return ``compute(*state)`` where a condition is true, and ``state`` elsewhere."""
         return dr.if_stmt(state, condition, compute, lambda *state: state, mode="symbolic")
 
     def _transmission(self, group: Drjit, at: Point) -> Pair:
@@ -388,6 +406,7 @@ class Shadows:
         margin = _ENDS * ops.sqrt(dot(at, at))
 
         def is_hit(number: Drjit, hits: Drjit) -> tuple[Drjit]:
+            """Return 1 if the line to the point meets a triangle, otherwise ``hits``."""
             row = ops.gather(triangles, number)
             shares = [dot(row[k : k + 3], ahead) for k in (0, 3, 6)]
             total = shares[0] + shares[1] + shares[2]
@@ -398,11 +417,13 @@ class Shadows:
             return (dr.select(hit, 1.0, hits),)
 
         def over(number: Drjit, detour: Drjit, share: Drjit) -> Field:
+            """Return the least detour and the largest transmission over rim edges so far."""
             row = ops.gather(rims, number)
             longer, passed = shadows.transmission_over(ops, group[:3], at, row[:3], row[3:6])
             return ops.minimum(longer, detour), ops.maximum(passed, share)
 
         def behind(real: Drjit, imag: Drjit) -> Field:
+            """Return the transmission for a point behind the plane of the face."""
             span = m.UInt32(group[9]), m.UInt32(group[10])
             (hits,) = ops.fold(*span, (m.Float(0.0),), is_hit)
             first, end = m.UInt32(group[11]), m.UInt32(group[12])
@@ -423,6 +444,7 @@ class Shadows:
         return ahead, (a * (a - 2.0 * x) + b * (b - 2.0 * y)) / sum_
 
     def _hidden(self, row: Drjit, ahead: Point) -> Drjit:
+        """Return whether obstacles block the line of sight ``ahead`` from a radiating point."""
         m = self._m
         path = m.Vector3f(*ahead)
         part = self._start / path.z
@@ -433,13 +455,17 @@ class Shadows:
         return self._obstacles.ray_test(ray)
 
     def _when(self, condition: Drjit, compute: Callable[..., Any], *arguments: Any) -> Field:
+        """Return ``compute(*arguments)`` where a condition is true, and zeros elsewhere."""
         zeros = (self._m.Float(0.0),) * 2
         return dr.if_stmt(arguments, condition, compute, lambda *_: zeros, mode="symbolic")
 
     def _when_jets(
         self, condition: Drjit, compute: Callable[..., Any], *arguments: Any
     ) -> tuple[Jet, Jet]:
+        """Do the same as `_when` for arguments and results with derivatives."""
+
         def flat(*parts: Drjit) -> tuple[Drjit, ...]:
+            """Evaluate ``compute`` for flattened arguments, and flatten its results."""
             return tuple(flattened(compute(*rebuilt(arguments, parts))))
 
         zeros = (self._m.Float(0.0),) * 4
@@ -472,6 +498,7 @@ def _nodes_and_silhouettes(
 
 
 def _scene_of(m: Any, bodies: list[Obstacle]) -> mi.Scene:
+    """Return a scene for ray tests that contains all bodies as one mesh."""
     counts = np.cumsum([0, *(len(body.vertices) for body in bodies)])
     vertices = np.concatenate([body.vertices for body in bodies])
     faces = np.concatenate([body.triangles + n for body, n in zip(bodies, counts, strict=False)])

@@ -47,7 +47,7 @@ from polywigner.mitsuba.plugins.source_parameters import (
     values_of,
 )
 from polywigner.mitsuba.plugins.wigner import TracedSource, Wave, WignerEstimator, WignerRadiance
-from polywigner.mitsuba.scenes.surfaces import PLACE_ERROR, matrix_of, shadow_end
+from polywigner.mitsuba.scenes.surfaces import PLACE_ERROR, matrix_of, shadow_end, vertices_of
 from polywigner.numerics import Floats
 from polywigner.radiometry.directions import directions_and_weights, largest_lag
 from polywigner.source import Array
@@ -88,6 +88,7 @@ class WignerEmitter(VariantPlugin):
         return dr.opaque(self.m.Float, value) if self.jit else dr.scalar.ArrayXf(value)
 
     def _set_source(self, spec: SourceParameters, wavelength: float) -> None:
+        """Set the source of the emitter, and the objects that compute its light."""
         self.spec = spec
         self._radiance = WignerRadiance(self.m, spec, wavelength)
         self.estimator = ESTIMATORS[spec.estimator](self.m, spec, wavelength, self._radiance)
@@ -124,17 +125,18 @@ class WignerEmitter(VariantPlugin):
             # The user's arrays carry the derivatives.
             self._traced.vertices, self._traced.weights = traced.vertices, traced.weights
             if shape is not None:
-                cover(shape, rigid_pose(matrix_of(self.to_world)), self.spec)
+                cover_outline(shape, rigid_pose(matrix_of(self.to_world)), self.spec)
         elif "wavelength" in keys and self._is_constant:
             self._set_source(self.spec, wavelength)
             self._traced = traced
         self._update()
         if "to_world" in keys and shape is not None:
-            move(shape, rigid_pose(matrix_of(self.to_world)), self.spec)
+            move_mesh(shape, rigid_pose(matrix_of(self.to_world)), self.spec)
         elif "parent" in keys and shape is not None:
-            check_place(shape, np.array(matrix_of(self.to_world)), self.spec)
+            check_mesh_position(shape, np.array(matrix_of(self.to_world)), self.spec)
 
     def _check_numbers(self) -> None:
+        """Raise SceneError for an invalid wavelength or power; renew the norm of the source."""
         wavelength = single(self.wavelength, "wavelength")
         power = single(self.power, "power")
         if not wavelength > 0:
@@ -144,6 +146,7 @@ class WignerEmitter(VariantPlugin):
         self.spec = replace(self.spec, norm=self.spec.norm_at(wavelength))
 
     def _update(self) -> None:
+        """Renew the frame and the norm of the source after a change of parameters."""
         # Each new literal value would recompile the render kernel.
         if self.jit:
             dr.make_opaque(self.wavelength, self.power)
@@ -152,15 +155,20 @@ class WignerEmitter(VariantPlugin):
         has_gradients = self.has_gradients()
         self._norm = self._traced_norm() if has_gradients else opaque(self.m, self.spec.norm)
 
-    def stand_at(self, reach: float) -> None:
-        """Set the largest coordinate of the source and of adjacent surfaces."""
-        self._reach = opaque(self.m, reach)
+    def stand_at(self, extent: float) -> None:
+        """Set the largest coordinate of the source and of adjacent surfaces, in scene units.
+
+        The distance between the ends of shadow rays and surfaces is proportional to this
+        coordinate.
+        """
+        self._extent = opaque(self.m, extent)
 
     def has_gradients(self) -> bool:
         """Return whether derivatives are enabled for wavelength, vertices or weights."""
         return self.jit and (self._traced.has_gradients() or dr.grad_enabled(self.wavelength))
 
     def _traced_norm(self) -> Drjit:
+        """Return the power of the unscaled field in W, with derivatives for Dr.Jit."""
         wavelength = single(self.wavelength, "wavelength")
         source = self.spec.at_origin
         blocks = directions_and_weights(largest_lag(source), wavelength)
@@ -172,7 +180,7 @@ class WignerEmitter(VariantPlugin):
         inverse = 1.0 / self.wavelength + shift
         wave = Wave(inverse, self.m.Vector2f(tilt_x, tilt_y))
         direction = self.m.Vector3f(x, y, z)
-        traced = self._traced.intensity if self._is_traced() else None
+        traced = self._traced.intensity if self._is_differentiable() else None
         value = self._radiance.integral(direction, wave, traced)
         if self.spec.has_several:
             value = value.x
@@ -181,35 +189,43 @@ class WignerEmitter(VariantPlugin):
 
     def wave(self, x: mi.Point2f, end: mi.Point3f) -> Wave:
         """Return the wave of a sample from the position ``x`` to the point or direction ``end``."""
-        return self._radiance.waves.wave(1.0 / self._value(self.wavelength), x, end)
+        return self._radiance.waves.wave(1.0 / self._kernel_value(self.wavelength), x, end)
 
-    def _value(self, number: Drjit) -> Drjit:
+    def _kernel_value(self, number: Drjit) -> Drjit:
+        """Return an adjustable parameter as a number of the variant."""
         return number if self.jit else number[0]
 
     def radiance(self, x: mi.Point2f, direction: mi.Vector3f, wave: Wave) -> Drjit:
         """Return the radiance at positions in directions (unit vectors) in the source's frame."""
-        traced = self._traced.wigner if self._is_traced() else None
-        scale = self._value(self.power) * (wave.inverse * wave.inverse / self._norm)
+        traced = self._traced.wigner if self._is_differentiable() else None
+        scale = self._kernel_value(self.power) * (wave.inverse * wave.inverse / self._norm)
         return scale * self._radiance.at(x, direction, wave, traced)
 
     def power_scale(self) -> Drjit:
         """Return the ratio of the specified radiated power to the power of the unscaled field."""
-        return self._value(self.power) / self._norm
+        return self._kernel_value(self.power) / self._norm
 
-    def _is_traced(self) -> bool:
+    def _is_differentiable(self) -> bool:
+        """Return whether the radiance is computed with derivatives in vertices or weights."""
         return self.jit and self._traced.has_gradients() and len(self._radiance.terms) == 1
 
     def eval(self, si: mi.SurfaceInteraction3f, active: Drjit = True) -> Drjit:
+        """Return the spectrum that the source's surface emits towards the ray, for Mitsuba."""
         if not self.spec.visible:
             return spectrum(self.m, self._dark, active)
         along = si.to_world(si.wi)
-        direction = self.frame.to_own(along)
+        direction = self.frame.to_local(along)
         value = self.radiance(si.uv, direction, self.wave(si.uv, direction))
         return self.polariser.sent(value, direction, self.frame, active, along)
 
     def sample_direction(
         self, it: mi.Interaction3f, sample: mi.Point2f, active: Drjit = True
     ) -> tuple[mi.DirectionSample3f, Drjit]:
+        """Sample a position on the source as seen from a point, for Mitsuba.
+
+        Return the position with its density per solid angle, and the spectrum divided by this
+        density.
+        """
         x = self.estimator.draw(sample)
         direction, distance = self.direction_to(it, x)
         ds = self.m.DirectionSample3f()
@@ -226,7 +242,7 @@ class WignerEmitter(VariantPlugin):
             away = (1.0 + dr.max(dr.abs(it.p))) * (2.0 * self.m.math.RayEpsilon)
             ds.p = it.p + ds.d * away
         else:
-            ds.p = shadow_end(it, ds.p, self.frame.axes[2], self._reach)
+            ds.p = shadow_end(it, ds.p, self.frame.axes[2], self._extent)
         ds.emitter = self.m.EmitterPtr(self) if self.jit else self
         value = self.estimator.irradiance(self, it, x)
         return ds, self.polariser.sent(value, direction, self.frame, active)
@@ -234,11 +250,13 @@ class WignerEmitter(VariantPlugin):
     def pdf_direction(
         self, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: Drjit = True
     ) -> Drjit:
+        """Return the density per solid angle of a sampled direction, for Mitsuba."""
         return self._density(-dr.dot(ds.d, self.frame.axes[2]), ds.dist)
 
     def eval_direction(
         self, it: mi.Interaction3f, ds: mi.DirectionSample3f, active: Drjit = True
     ) -> Drjit:
+        """Return the spectrum that arrives from a sampled position, for Mitsuba."""
         direction, distance = self.direction_to(it, ds.uv)
         value = self.estimator.irradiance(self, it, ds.uv) * self._density(direction.z, distance)
         return self.polariser.sent(value, direction, self.frame, active)
@@ -259,43 +277,38 @@ class WignerEmitter(VariantPlugin):
 
     def direction_to(self, it: mi.Interaction3f, x: mi.Point2f) -> tuple[mi.Vector3f, Drjit]:
         """Return the unit vector and distance from x to the point ``it``, in the source's frame."""
-        r = self.frame.to_own(it.p - self.frame.origin) - self.m.Vector3f(x.x, x.y, 0.0)
+        r = self.frame.to_local(it.p - self.frame.origin) - self.m.Vector3f(x.x, x.y, 0.0)
         distance = dr.norm(r)
         return r / distance, distance
 
 
-def move(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
+def move_mesh(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
     """Move the mesh of a source to a pose."""
-    local = np.asarray(mi.traverse(shape)["vertex_texcoords"], dtype=np.float64).reshape(-1, 2)
-    set_mesh(shape, vertex_positions=_in_scene(local, pose, spec.centre))
+    set_mesh(shape, vertex_positions=_vertices_at(shape, pose, spec))
 
 
-def cover(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
-    """Set the triangles of a mesh so that they cover the radiating region."""
+def cover_outline(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
+    """Set the triangles of a mesh so that they cover the radiating region at a pose."""
     points, triangles = triangulate(spec.outline)
     set_mesh(shape, vertex_texcoords=points, faces=triangles)
-    move(shape, pose, spec)
+    move_mesh(shape, pose, spec)
 
 
-def check_place(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
-    """Raise SceneError if a user has moved the mesh of a source without its emitter."""
-    params = mi.traverse(shape)
-    local, actual = (
-        np.asarray(dr.detach(params[name]), dtype=np.float64).reshape(-1, count)
-        for name, count in (("vertex_texcoords", 2), ("vertex_positions", 3))
-    )
-    expected = _in_scene(local, pose, spec.centre)
-    allowed = PLACE_ERROR * max(np.abs(local).max(), np.abs(expected).max())
-    if not np.abs(actual - expected).max() <= allowed:
+def check_mesh_position(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> None:
+    """Raise SceneError if a user has moved the mesh of a source but not its emitter."""
+    expected = _vertices_at(shape, pose, spec)
+    error = np.abs(vertices_of(shape) - expected).max()
+    if not error <= PLACE_ERROR * np.abs(expected).max():
         raise SceneError(
             "the vertex_positions of a wigner shape were moved away from the pose of its "
             "emitter; change emitter.to_world instead, which moves both the mesh and the emitter"
         )
 
 
-def _in_scene(points: Floats, pose: Floats, centre: Floats) -> Floats:
-    result: Floats = (points + centre) @ pose[:3, :2].T + pose[:3, 3]
-    return result
+def _vertices_at(shape: mi.Mesh, pose: Floats, spec: SourceParameters) -> Floats:
+    """Return the vertices (n, 3) of a source's mesh at a pose, from its texture coordinates."""
+    local = np.array(dr.detach(mi.traverse(shape)["vertex_texcoords"]), np.float64)
+    return np.asarray((local.reshape(-1, 2) + spec.centre) @ pose[:3, :2].T + pose[:3, 3])
 
 
 def checked_parameters(
@@ -312,6 +325,7 @@ def checked_parameters(
 
 
 def _build(variant: str, props: mi.Properties) -> mi.Mesh:
+    """Create the mesh of a ``wigner`` shape with its emitter, from the properties of the shape."""
     spec = checked_parameters(values_of(props), EMITTER, variant)
     m = getattr(mi, variant)
     points, triangles = triangulate(spec.outline)
@@ -322,7 +336,7 @@ def _build(variant: str, props: mi.Properties) -> mi.Mesh:
     inner["emitter"] = emitter
     name, sizes = props.id() or EMITTER, (len(points), len(triangles))
     mesh = m.Mesh(name, *sizes, props=inner, has_vertex_texcoords=True)
-    cover(mesh, spec.pose, spec)
+    cover_outline(mesh, spec.pose, spec)
     if not spec.visible:  # Rays cannot hit triangles of zero area.
         set_mesh(mesh, faces=np.zeros_like(triangles))
     return mesh

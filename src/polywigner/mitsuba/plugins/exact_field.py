@@ -56,16 +56,18 @@ wavelengths in size.
 _ERROR = 1.5e-5
 
 
-def field_of_points(
+def equivalent_point_field(
     source: SceneSource, radiator: Radiator, wavelength: float, condition: Obliquity, panels: int
 ) -> tuple[Floats, Callable[..., tuple[Drjit, Drjit]]] | None:
     """Return the half-widths of a source in wavelengths, and the field of its equivalent points.
 
-    The field is a function of the operations, the half-widths and a point. It omits the phase due
-    to the distance from the centre. The result is None if a sum over panels is faster.
+    The field is a function ``field(ops, half, x, y, z)`` of the operations, the half-widths and a
+    position in wavelengths. It returns the real and imaginary parts, without the phase due to the
+    distance from the centre. The result is None if a sum over panels is faster.
     """
 
     def pays(counts: Sequence[int]) -> bool:
+        """Return whether a grid with these numbers of points is faster than the panels."""
         return min(counts) <= _MOST_POINTS and math.prod(counts) <= _POINTS_PER_PANEL * panels
 
     grid = equivalent_grid(source, radiator, wavelength, condition, _ERROR, pays)
@@ -87,6 +89,7 @@ def field_of_points(
         length, aside, along = (half[0], y, x) if is_swapped else (half[1], x, y)
 
         def line(at: Drjit, *weights: Drjit) -> tuple[Drjit, Drjit]:
+            """Return the field of the equivalent points on a line at the position ``at``."""
             step = len(weights) // len(nodes)
             total = Pair(0.0, 0.0)
             for k, node in enumerate(length * position for position in nodes.tolist()):
@@ -175,7 +178,7 @@ class ExactEstimator:
         """Return the exact irradiance |U|^2 at a point, without the cosine of incidence."""
         if light.has_gradients():
             raise SceneError(FIXED)
-        point = light.frame.to_own(it.p - light.frame.origin)
+        point = light.frame.to_local(it.p - light.frame.origin)
         front = point.z > 0.0
         value = self.intensity(self._m.Point3f(point.x, point.y, dr.select(front, point.z, 1.0)))
         return dr.select(front, value * light.power_scale(), 0.0)
@@ -227,7 +230,7 @@ class ExactField:
         self._centre = [opaque(m, c) for c in (radiator.centre / wavelength).tolist()]
         self._inverse = opaque(m, 1 / wavelength)
         panels = len(self._tables.edges)
-        self._points = field_of_points(source, radiator, wavelength, condition, panels)
+        self._points = equivalent_point_field(source, radiator, wavelength, condition, panels)
         if self._points is not None:
             self._half = [opaque(m, half) for half in self._points[0].tolist()]
 
@@ -248,16 +251,18 @@ class ExactField:
         return value if self._jit else float(value[0])
 
     def _field(self, x: Drjit, y: Drjit, z: Drjit) -> tuple[Drjit, Drjit]:
+        """Return the real and imaginary parts of the field at a point in wavelengths."""
         if self._points is None:
-            return self._near(x, y, z)
+            return self._panel_field(x, y, z)
         half_x, half_y = self._half
         away = (z > AWAY) | (abs(x) > half_x + AWAY) | (abs(y) > half_y + AWAY)
         points = partial(self._points[1], self._ops, self._half)
         if self._jit:
-            return dr.if_stmt((x, y, z), away, points, self._near, mode="symbolic")
-        return (points if away[0] else self._near)(x, y, z)
+            return dr.if_stmt((x, y, z), away, points, self._panel_field, mode="symbolic")
+        return (points if away[0] else self._panel_field)(x, y, z)
 
-    def _near(self, x: Drjit, y: Drjit, z: Drjit) -> tuple[Drjit, Drjit]:
+    def _panel_field(self, x: Drjit, y: Drjit, z: Drjit) -> tuple[Drjit, Drjit]:
+        """Return the field at a point in wavelengths by boundary integrals over panels."""
         # Each coordinate and the distance are sums of two floats.
         if self._jit:
             m = self._m
@@ -295,26 +300,29 @@ def plane_waves_of(source: SceneSource) -> SceneSource:
     if not isinstance(source, Wavefront):
         return source
     flat = normal_form(source.source)
-    elements = [_curved(element, source) for element in flat.in_plane.elements]
+    elements = [_times_curved_wave(element, source) for element in flat.in_plane.elements]
     result: SceneSource = flat.with_elements(elements).public
     return result
 
 
-def _curved(element: SourceElement, wave: Wavefront) -> SourceElement:
-    """Multiply an element by a curved wave, the product of one wave along each principal axis."""
+def _times_curved_wave(element: SourceElement, wave: Wavefront) -> SourceElement:
+    """Multiply the field of an element by a curved wave, written as a sum of plane waves."""
     curvatures, axes = principal_axes(wave.curvature)
     corners = (np.concatenate(element.rings) - wave.centre) @ axes
     amplitudes, frequencies = element.amplitudes, element.frequencies
     for q, along, axis in zip(curvatures.tolist(), corners.T, axes.T, strict=True):
-        values, waves = _chirp(q, float(along.min()), float(along.max()))
+        values, waves = _waves_of_chirp(q, float(along.min()), float(along.max()))
         values = values * np.exp(-2j * math.pi * waves * (wave.centre @ axis))
         amplitudes = np.outer(amplitudes, values).ravel()
         frequencies = (frequencies[:, None] + waves[:, None] * axis).reshape(-1, 2)
     return replace(element, amplitudes=amplitudes, frequencies=frequencies)
 
 
-def _chirp(q: float, low: float, high: float) -> tuple[Complex, Floats]:
-    """Approximate exp(i pi q y^2) on an interval by a sum of plane waves."""
+def _waves_of_chirp(q: float, low: float, high: float) -> tuple[Complex, Floats]:
+    """Approximate exp(i pi q y^2) for y from ``low`` to ``high`` by a sum of plane waves.
+
+    Return the amplitudes and the frequencies of the waves exp(2 pi i frequency y).
+    """
     centre, size = (low + high) / 2, high - low
     cycles = abs(q) * size * size
     waves: tuple[Complex, Floats] | None = np.ones(1, np.complex128), np.zeros(1)
@@ -323,7 +331,7 @@ def _chirp(q: float, low: float, high: float) -> tuple[Complex, Floats]:
         y = -np.cos(np.linspace(0.0, math.pi, count)) * size / 2
         chirp = np.exp(1j * math.pi * q * y * y)
         fits = (
-            _fit(y, chirp, np.linspace(-0.5, 0.5, n) * ((n - 1) / (period * size)))
+            _fitted_waves(y, chirp, np.linspace(-0.5, 0.5, n) * ((n - 1) / (period * size)))
             for n in range(3 + 2 * int(min(cycles, _MOST_WAVES) / 2), _MOST_WAVES + 1, 2)
             for period in _PERIODS
         )
@@ -340,8 +348,11 @@ def _chirp(q: float, low: float, high: float) -> tuple[Complex, Floats]:
     return amplitudes * np.exp(2j * math.pi * phase), shifted
 
 
-def _fit(y: Floats, values: Complex, frequencies: Floats) -> tuple[Complex, Floats] | None:
-    """Fit plane waves to values at positions y; return None if the fit is inaccurate."""
+def _fitted_waves(y: Floats, values: Complex, frequencies: Floats) -> tuple[Complex, Floats] | None:
+    """Fit amplitudes of plane waves to values at positions y, by least squares.
+
+    Return amplitudes and frequencies, or None if the fit is inaccurate.
+    """
     waves = np.exp(2j * math.pi * np.outer(y, frequencies))
     fit = np.asarray(np.linalg.lstsq(waves, values, rcond=_CUTOFF)[0], np.complex128)
     fits = np.abs(waves @ fit - values).max() <= _CURVED_ERROR

@@ -26,15 +26,15 @@ _DATE = len("2000-01-01 00:00:00 ")
 
 
 @contextmanager
-def to_list() -> Iterator[list[str]]:
-    """Collect Mitsuba's log messages in a list."""
+def collected_log() -> Iterator[list[str]]:
+    """Collect Mitsuba's log messages in a list within a ``with`` block."""
     messages: list[str] = []
     # Mitsuba's threads must not call Python code, so messages pass through a file.
     with temporary_folder() as folder:
         path = Path(folder) / "mitsuba.log"
         appender = mi.StreamAppender(str(path))
         try:
-            with silent(appender):
+            with log_only_to(appender):
                 yield messages
         finally:
             del appender  # Closes the file.
@@ -44,8 +44,8 @@ def to_list() -> Iterator[list[str]]:
 
 
 @contextmanager
-def silent(*appenders: mi.Appender) -> Iterator[None]:
-    """Send Mitsuba's log only to ``appenders``."""
+def log_only_to(*appenders: mi.Appender) -> Iterator[None]:
+    """Send Mitsuba's log only to ``appenders`` within a ``with`` block."""
     logger = mi.logger()
     before = [logger.appender(index) for index in range(logger.appender_count())]
     logger.clear_appenders()
@@ -61,7 +61,7 @@ def silent(*appenders: mi.Appender) -> Iterator[None]:
 
 @contextmanager
 def threads_for_openexr() -> Iterator[None]:
-    """Ensure that Dr.Jit's thread pool has at least two threads.
+    """Ensure that Dr.Jit's thread pool has at least two threads within a ``with`` block.
 
     Mitsuba reads and writes OpenEXR files in this pool, and deadlocks if the calling thread is its
     only thread.
@@ -95,7 +95,10 @@ _MOST_PER_PIXEL = 1 << 12
 
 
 def fineness(camera: mi.Sensor, samples: int) -> int:
-    """Return the film refinement factor that limits samples per pixel; it is 1 for cameras."""
+    """Return the factor by which a film is refined to limit the samples per pixel.
+
+    It is 1 for cameras; only receivers have films that can be refined.
+    """
     doublings = math.ceil(math.log2(samples / _MOST_PER_PIXEL) / 2)
     return 2 ** max(doublings, 0) if hasattr(camera, "fineness") else 1
 
@@ -122,7 +125,7 @@ def film_sizes(camera: mi.Sensor, factor: int = 1) -> list[list[int]]:
 
 @contextmanager
 def refined(camera: mi.Sensor, factor: int) -> Iterator[None]:
-    """Refine a film by a factor within a ``with`` block."""
+    """Increase the resolution of a film by a factor within a ``with`` block."""
     finer_pixels = [(camera, "fineness", factor)] if factor > 1 else []
     with changed(finer_pixels), _film_of_size(camera, *film_sizes(camera, factor)):
         yield
@@ -137,7 +140,10 @@ def coarse(image: npt.NDArray[Any], factor: int) -> npt.NDArray[np.float64]:
 
 @contextmanager
 def cropped(camera: mi.Sensor, top: int, rows: int, columns: int | None = None) -> Iterator[None]:
-    """Crop a film within a ``with`` block."""
+    """Crop a film within a ``with`` block to ``rows`` rows from row ``top``.
+
+    ``columns`` is the number of columns from the left, by default all columns.
+    """
     film = camera.film()
     (width, _), (x, y) = film.crop_size(), film.crop_offset()
     window = [width if columns is None else columns, rows]
@@ -147,6 +153,7 @@ def cropped(camera: mi.Sensor, top: int, rows: int, columns: int | None = None) 
 
 @contextmanager
 def _film_of_size(camera: mi.Sensor, *sizes: Any) -> Iterator[None]:
+    """Set the size, crop size and crop offset of a film within a ``with`` block."""
     before, after = film_sizes(camera), [[int(n) for n in pair] for pair in sizes]
     if before == after:
         yield
@@ -189,6 +196,7 @@ class Tiling:
 
     @property
     def strips(self) -> int:
+        """Number of strips."""
         return math.ceil(self.height / self.rows)
 
     @property
@@ -228,14 +236,14 @@ def check_seed(seed: int) -> int:
 
 
 def seed_of(seed: int, *part: int) -> int:
-    """Return a 32-bit seed for a part of a render; ``seed`` may have any size."""
+    """Return a 32-bit seed for the part of a render with the numbers ``part``."""
     return int(np.random.SeedSequence(seed, spawn_key=part).generate_state(1)[0])
 
 
 def accepted_samples(sampler: mi.Sampler, count: int) -> int:
     """Return ``count`` rounded up to a number of samples that the sampler accepts."""
     probe = sampler.fork()
-    with silent():
+    with log_only_to():
         probe.set_sample_count(count)
     return int(probe.sample_count())
 
@@ -253,7 +261,7 @@ def checked_finite(values: npt.NDArray[Any], name: str) -> npt.NDArray[np.float6
 
 @contextmanager
 def rendering_errors(integrator: str) -> Iterator[None]:
-    """Convert errors of Mitsuba and Dr.Jit to a SceneError with their cause."""
+    """Convert errors of Mitsuba and Dr.Jit in a ``with`` block to a SceneError."""
     try:
         yield
     except (RuntimeError, AssertionError) as error:

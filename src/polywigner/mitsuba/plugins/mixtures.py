@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from polywigner.errors import PolywignerError, SceneError
+from polywigner.errors import SceneError
 from polywigner.geometry import Aperture, Wavefront
-from polywigner.mitsuba.plugins.registration import unsuitable_source
+from polywigner.mitsuba.plugins.registration import scene_errors, unsuitable_source
 from polywigner.numerics import Floats
 from polywigner.propagation.far_fields import check_slopes, powers_of
 from polywigner.propagation.irradiances import mixture_parts
@@ -38,7 +38,7 @@ SceneSource = Aperture | Array | Wavefront
 
 
 def depends_on_wavelength(source: SceneSource, obliquity: str) -> bool:
-    """Return whether the radiance terms that `emissions` returns depend on the wavelength."""
+    """Return whether the terms of `emissions` depend on the wavelength."""
     waves = normal_form(flat_source(source)).frequencies
     return OBLIQUITIES[obliquity].needs_normal_derivative and bool(waves.any())
 
@@ -46,7 +46,7 @@ def depends_on_wavelength(source: SceneSource, obliquity: str) -> bool:
 def emissions(
     source: SceneSource, wavelength: float, obliquity: str
 ) -> list[tuple[SceneSource, Forms]]:
-    """Return the source and the obliquity factor of each term of a source's radiance.
+    """Return the source and the obliquity factor h of each term of a source's radiance.
 
     The sum of h W over all terms is the radiance times the square of the wavelength.
     """
@@ -96,7 +96,7 @@ class Mixture:
         The weighted mean of their irradiances is the irradiance of the mixture, with an error of
         ``error`` times the largest irradiance.
         """
-        return mixture_parts(self._applied_to(source), wavelength, self.bandwidth, error)
+        return mixture_parts(self._with_coherence_width(source), wavelength, self.bandwidth, error)
 
     def nodes(self, source: SceneSource, wavelength: float) -> Floats:
         """Return waves whose weighted mean power is the power of the mixture, shape (n, 4).
@@ -105,19 +105,19 @@ class Mixture:
         and the weight.
         """
         tilts, weights = np.zeros((1, 2)), np.ones(1)
-        wave = self._applied_to(source)
+        wave = self._with_coherence_width(source)
         if isinstance(wave, Wavefront) and not wave.is_coherent:
             tilts, weights = tilts_of(wave, _POWER_ERROR, _LONGEST_LAG * wavelength)
         return np.array(
             [
                 (1 / length - 1 / wavelength, *tilt, tilt_weight * weight)
                 for tilt, tilt_weight in zip(tilts.tolist(), weights.tolist(), strict=True)
-                for length, weight in self._band(source, wavelength)
+                for length, weight in self._wavelengths(source, wavelength)
             ]
         )
 
     def power(self, source: Any, wavelength: float, obliquity: str) -> float:
-        """Return the radiated power of a source in W."""
+        """Return the power in W that a source of this mixture radiates, with |u|^2 in W/m^2."""
         if self.is_plain:
             return powers_of(source, wavelength, obliquity)[0]
         total = 0.0
@@ -131,12 +131,14 @@ class Mixture:
                     total += scale * float(far @ (forms.irradiance(s[:, 2]) * solid_angles))
         return total
 
-    def _applied_to(self, source: SceneSource) -> SceneSource:
+    def _with_coherence_width(self, source: SceneSource) -> SceneSource:
+        """Return a coherent source with the coherence width of this mixture."""
         if self.coherence_width == math.inf:
             return source
         return source.partially_coherent(self.coherence_width)
 
-    def _band(self, source: SceneSource, wavelength: float) -> list[tuple[float, float]]:
+    def _wavelengths(self, source: SceneSource, wavelength: float) -> list[tuple[float, float]]:
+        """Return pairs of a wavelength in m and its weight, which represent the band."""
         if self.bandwidth is None:
             return [(wavelength, 1.0)]
         return wavelengths_of_band(wavelength, self.bandwidth, longest_path(source), _POWER_ERROR)
@@ -175,10 +177,8 @@ def norm_of(
     """
     if normalise == "aperture":
         return _energy(flat_source(source))
-    try:
+    with scene_errors():
         return mixture.power(checked_radiator(source), wavelength, obliquity)
-    except PolywignerError as error:
-        raise SceneError(str(error)) from None
 
 
 def _energy(source: Aperture | Array) -> float:
@@ -196,15 +196,14 @@ def support_of(source: Any, obliquity: str) -> Aperture:
     """Return the region of the source plane where the Wigner function is not zero."""
     if not isinstance(flat_source(source), Aperture | Array):
         raise unsuitable_source(source)
-    try:
+    with scene_errors():
         check_slopes(source, obliquity)
         return _support(flat_source(source))
-    except PolywignerError as error:
-        raise SceneError(str(error)) from None
 
 
 # Cached, because creating a scene entry and loading the scene both require the region.
 @lru_cache(maxsize=16)
 def _support(source: Aperture | Array) -> Aperture:
+    """Return the region where the Wigner function is not zero; raise SceneError without a field."""
     _energy(source)  # Raises SceneError for a source without a field.
     return mutual_support(source)

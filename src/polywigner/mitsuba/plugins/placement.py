@@ -13,8 +13,8 @@ import shapely
 from polywigner.errors import SceneError
 from polywigner.geometry import Aperture
 from polywigner.mitsuba.plugins.mixtures import SceneSource
-from polywigner.mitsuba.plugins.source_parameters import SourceParameters, pose_of
-from polywigner.mitsuba.scenes.surfaces import PLACE_ERROR
+from polywigner.mitsuba.plugins.source_parameters import SourceParameters, pose_of, reach_of
+from polywigner.mitsuba.scenes.surfaces import PLACE_ERROR, wigner_emitters
 from polywigner.numerics import Floats
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.source.normal_form import SourceElement, normal_form
@@ -39,12 +39,12 @@ class PlacedSource(SourceParameters):
     name: str = ""
     medium: Any = None
     """Medium (fog) around the receiver, or None."""
-    reach: float = 0.0
+    extent: float = 0.0
     """Largest coordinate of the source and adjacent flat surfaces in m, which limits precision."""
 
     @property
     def fields(self) -> list[tuple[SceneSource, Stokes]]:
-        """Scalar sources with Stokes vectors, as in :meth:`fields_of`."""
+        """Scalar sources, each with a Stokes vector, whose powers add up to the source."""
         if self.polarisation is None:
             return [(self.source, (1.0, 0.0, 0.0, 0.0))]
         return stokes_fields(self.source, self.polarisation)
@@ -58,20 +58,16 @@ class PlacedSource(SourceParameters):
         return replace(self, source=_mirrored(self.source), pose=pose)
 
     def image(self, chain: Iterable[Mirror]) -> PlacedSource:
-        """Return the mirror image after reflections by several mirrors in turn."""
+        """Return the mirror image of the source after reflections by mirrors in turn."""
         image = self
         for mirror in chain:
             image = image.mirrored(mirror.normal, mirror.offset)
         return image
 
     def points(self, positions: Floats) -> Floats:
-        """Convert positions in the source's plane to points in space, in m, shape (n, 3)."""
+        """Convert positions (n, 2) in the source's plane to points (n, 3) in space, in m."""
         result: Floats = positions @ self.pose[:3, :2].T + self.pose[:3, 3]
         return result
-
-    def touching(self, scene: mi.Scene) -> PlacedSource:
-        """Return a copy whose ``reach`` includes the adjacent surfaces of a scene."""
-        return replace(self, reach=self.reach_in(scene, self.pose) * self.scene_unit)
 
     @property
     def centre(self) -> Floats:
@@ -99,41 +95,44 @@ class PlacedSource(SourceParameters):
 
 
 def _mirrored(source: SceneSource) -> SceneSource:
+    """Return a source with the signs of all x coordinates changed."""
+
     def image(element: SourceElement) -> SourceElement:
+        """Return an element with the signs of all x coordinates changed."""
         outline: Any = element.outline
         polygons = shapely.transform(outline.polygons, lambda points: points * _MIRROR)
         frequencies = element.frequencies * _MIRROR
         return replace(element, outline=Aperture(polygons), frequencies=frequencies)
 
     form = normal_form(source).in_plane
-    changes: dict[str, Any] = {"paths": None, "centre": form.centre * _MIRROR}
-    changes["curvature"] = form.curvature * np.outer(_MIRROR, _MIRROR)
-    copies = form.repeated
-    if copies is None:
-        changes["content"] = tuple(image(element) for element in form.elements)
-    else:
-        positions = copies.positions * _MIRROR
-        changes["content"] = replace(copies, element=image(copies.element), positions=positions)
-    result: SceneSource = replace(form, **changes).public
+    images, copies = [image(element) for element in form.distinct], form.repeated
+    content: Any = tuple(images)
+    if copies is not None:
+        content = replace(copies, element=images[0], positions=copies.positions * _MIRROR)
+    centre, curvature = form.centre * _MIRROR, form.curvature * np.outer(_MIRROR, _MIRROR)
+    mirrored = replace(form, content=content, centre=centre, curvature=curvature, paths=None)
+    result: SceneSource = mirrored.public
     return result
 
 
-def placed_emitter(emitter: Any, number: int) -> PlacedSource:
-    """Return an emitter with its pose; ``number`` replaces a missing id."""
-    name = emitter.get_shape().id() or f"emitter {number}"
-    return replace(_placed(emitter, name), power=_single(emitter.power, emitter.spec.power))
+def placed_emitters(scene: mi.Scene) -> list[PlacedSource]:
+    """Return the coherent sources of a scene with their poses, sorted by shape id."""
+    sources = []
+    for number, emitter in enumerate(wigner_emitters(scene)):
+        placed = _placed(scene, emitter, emitter.get_shape().id() or f"emitter {number}")
+        sources.append(replace(placed, power=_single(emitter.power, emitter.spec.power)))
+    return sources
 
 
-def placed_receiver(sensor: Any, number: int) -> PlacedSource:
+def placed_receiver(scene: mi.Scene, sensor: Any, number: int) -> PlacedSource:
     """Return a receiver with its pose; ``number`` replaces a missing id."""
-    placed = _placed(sensor, sensor.id() or f"receiver {number}")
+    placed = _placed(scene, sensor, sensor.id() or f"receiver {number}")
     return replace(placed, medium=sensor.get_medium())
 
 
-def check_match(
-    emitter: PlacedSource, receiver: PlacedSource, bandwidth: float | None = None
-) -> None:
+def check_match(emitter: PlacedSource, receiver: PlacedSource) -> None:
     """Raise SceneError unless the frequency bands and scene units of two sources match."""
+    bandwidth = receiver.noise["bandwidth"]
     ends = f"of emitter {emitter.name!r} and receiver {receiver.name!r}"
     frequencies = [SPEED_OF_LIGHT / end.wavelength for end in (emitter, receiver)]
     difference = abs(frequencies[0] - frequencies[1])
@@ -157,12 +156,13 @@ def check_unit(emitter: PlacedSource, receiver: PlacedSource) -> None:
         )
 
 
-def _placed(plugin: Any, name: str) -> PlacedSource:
+def _placed(scene: mi.Scene, plugin: Any, name: str) -> PlacedSource:
+    """Return the source of an emitter or receiver plugin with its present pose and wavelength."""
     spec = plugin.spec
     wavelength = _single(getattr(plugin, "wavelength", spec.wavelength), spec.wavelength)
-    return PlacedSource(
-        **vars(spec) | {"name": name, "pose": pose_of(plugin), "wavelength": wavelength}
-    )
+    changed = {"pose": pose_of(plugin), "wavelength": wavelength}
+    extent = reach_of(scene, plugin) * spec.scene_unit
+    return PlacedSource(**vars(spec) | changed, name=name, extent=extent)
 
 
 def _single(value: Any, known: float) -> float:
@@ -172,7 +172,10 @@ def _single(value: Any, known: float) -> float:
 
 
 def check_obliquity(link: str, first: str, second: str) -> None:
-    """Raise SceneError unless emitter and receiver have the same boundary condition."""
+    """Raise SceneError unless both ends of a link have the same boundary condition.
+
+    ``link`` names the link in messages; ``first`` and ``second`` are the obliquities of its ends.
+    """
     if first != second:
         raise SceneError(
             f"{link}: the obliquity must be the same at both ends, got {first!r} and {second!r}; "
@@ -196,7 +199,7 @@ class FacingParts:
 
 
 def facing_parts(emitter: PlacedSource, receiver: PlacedSource) -> FacingParts | None:
-    """Return the parts of two sources that face each other, or None."""
+    """Return the parts of two sources in front of each other's planes, or None."""
     sizes = [
         max(float(np.abs(values).max()) for values in (end.pose[:3, 3], end.source.bounds))
         for end in (emitter, receiver)
@@ -216,8 +219,9 @@ def facing_parts(emitter: PlacedSource, receiver: PlacedSource) -> FacingParts |
 
 
 def _part_in_front(source: SceneSource, normal: Floats, least: float) -> SceneSource | None:
+    """Return the part of a source where ``normal . x > least``, or None if there is none."""
     form = normal_form(source).in_plane
-    parts = [_cut(element.outline, normal, least) for element in form.elements]
+    parts = [_part_of_outline_in_front(element.outline, normal, least) for element in form.elements]
     pairs = list(zip(form.elements, parts, strict=True))
     if all(part is element.outline for element, part in pairs):
         return source
@@ -225,8 +229,8 @@ def _part_in_front(source: SceneSource, normal: Floats, least: float) -> SceneSo
     return form.with_elements(in_front, paths=None).public if in_front else None
 
 
-def _cut(outline: Any, normal: Floats, least: float) -> Aperture | None:
-    """Return the part of an outline with ``normal . x > least``, or None."""
+def _part_of_outline_in_front(outline: Any, normal: Floats, least: float) -> Aperture | None:
+    """Return the part of an outline where ``normal . x > least``, or None."""
     heights = np.concatenate(outline.rings) @ normal[:2] - least
     if (heights > 0).all():
         return outline

@@ -44,7 +44,7 @@ def is_polarised(variant: str | None = None) -> bool:
 
 
 def polarised_spec(variant: str, spec: SourceParameters, plugin: str) -> SourceParameters:
-    """Add the default polarisation to parameters without a polarisation.
+    """Return parameters with the default polarisation, if a polarised variant requires it.
 
     Raises SceneError for a polarisation in an unpolarised variant.
     """
@@ -133,7 +133,7 @@ class Polariser:
     def sent(
         self, value: Drjit, direction: Drjit, frame: Frame, active: Drjit, along: Drjit = None
     ) -> Drjit:
-        """Return the Stokes vector of the emitted radiance as a column."""
+        """Return the emitted Stokes vector as the first column of a Mueller matrix."""
         if self._is_plain:
             return spectrum(self._m, value, active)
         s0, s1, s2, s3 = self._stokes(value, active)
@@ -143,7 +143,7 @@ class Polariser:
         return mueller_matrix(self._m, {(k, 0): value for k, value in enumerate(column)})
 
     def received(self, value: Drjit, direction: mi.Vector3f, frame: Frame, active: Drjit) -> Drjit:
-        """Return half the row vector with which a receiver weights Stokes parameters."""
+        """Return half the row vector that weights Stokes parameters, as a Mueller matrix."""
         if self._is_plain:
             return spectrum(self._m, value, active)
         s0, s1, s2, s3 = (0.5 * number for number in self._stokes(value, active))
@@ -152,6 +152,7 @@ class Polariser:
         return mueller_matrix(self._m, {(0, k): value for k, value in enumerate(row)})
 
     def _stokes(self, value: Drjit, active: Drjit) -> list[Drjit]:
+        """Return the four Stokes parameters of a value, referred to the source's axes."""
         value = dr.select(active, value, 0.0)
         # Sources with several polarisations have four components per value.
         if self._stokes_vector is None:
@@ -160,38 +161,21 @@ class Polariser:
 
 
 def mueller_matrix(m: Any, entries: dict[tuple[int, int], Drjit]) -> Drjit:
+    """Return the Mueller matrix with the given elements; all other elements are zero."""
     matrix = dr.zeros(m.Spectrum)
     for index, value in entries.items():
         matrix[index] = m.UnpolarizedSpectrum(value)
     return matrix
 
 
-_End = tuple[Frame, Drjit]
-"""Frame of an antenna, and direction of the path in the scene."""
-
-
-def to_ludwig_axes(m: Any, fraction: Drjit, arrives: _End, leaves: _End | None) -> Drjit:
-    """Convert the Mueller matrix of a path from Mitsuba's axes to Ludwig's axes.
-
-    ``leaves`` is the end at the source, or None for unpolarised light, and ``arrives`` the end at
-    the receiver.
-    """
-    ends = []
-    for end, sign in ((arrives, -1.0), (leaves, 1.0)):
-        if end is None:
-            ends.append(m.Spectrum(1.0))
-            continue
-        frame, direction = end
-        c, s = axis_rotation(m, frame.to_own(direction), frame, sign * direction)
-        entries = {(0, 0): 1, (1, 1): c, (1, 2): s, (2, 1): -sign * s, (2, 2): sign * c, (3, 3): 1}
-        ends.append(mueller_matrix(m, entries))
-    return ends[0] * fraction * ends[1]
-
-
 def axis_rotation(
     m: Any, direction: mi.Vector3f, frame: Frame, along: mi.Vector3f
 ) -> tuple[Drjit, Drjit]:
-    """Return the cosine and sine of twice the angle from Ludwig's to Mitsuba's first axis."""
+    """Return the cosine and sine of twice the angle from Ludwig's to Mitsuba's first axis.
+
+    ``direction`` is a unit vector in the frame of the source, and ``along`` the propagation
+    direction in the scene.
+    """
     axes = ludwig_axes(direction.x, direction.y, dr.abs(direction.z))
     basis = m.mueller.stokes_basis(along)
     x, y = (dr.dot(basis, frame.to_scene(m.Vector3f(*axis))) for axis in axes)

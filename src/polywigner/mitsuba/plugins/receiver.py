@@ -47,7 +47,7 @@ from polywigner.mitsuba.plugins.source_parameters import (
     values_of,
 )
 from polywigner.mitsuba.plugins.wigner import WignerRadiance
-from polywigner.mitsuba.scenes.surfaces import ROUNDING, largest, matrix_of
+from polywigner.mitsuba.scenes.surfaces import ROUNDING, largest_coordinate, matrix_of
 from polywigner.quantities import parse_noise
 from polywigner.reception.couplings import NORMALISATIONS
 from polywigner.source import Array
@@ -60,6 +60,7 @@ def distance_to_surface(m: Any, scene: mi.Scene, ray: mi.Ray3f, far: Drjit, acti
     state = (m.Point3f(ray.o), m.Float(0.0), m.Bool(active))
 
     def body(start: Drjit, distance: Drjit, going: Drjit) -> tuple[Drjit, Drjit, Drjit]:
+        """Move rays to the next surface, and add the lengths of their steps."""
         surface = scene.ray_intersect_preliminary(m.Ray3f(start, direction), False, going)
         is_hit = surface.is_valid()
         length, is_null = dr.select(is_hit, surface.t, far), False
@@ -67,35 +68,35 @@ def distance_to_surface(m: Any, scene: mi.Scene, ray: mi.Ray3f, far: Drjit, acti
         if bsdf is not None:
             kind = bsdf.flags() & int(mi.BSDFFlags.All)
             is_null = is_hit & (kind == int(mi.BSDFFlags.Null))
-        step = length + _step(m, start + direction * length)
+        step = length + _spawn_offset(m, start + direction * length)
         length = dr.select(is_null, step, length)
         return m.Point3f(start + direction * length), distance + length, going & is_null
 
-    if dr.is_jit_v(m.Float):
-        return dr.while_loop(state, lambda *state: state[2], body, mode="symbolic")[1]
-    while state[2]:
-        state = body(*state)
-    return state[1]
+    mode = "symbolic" if dr.is_jit_v(m.Float) else "scalar"
+    return dr.while_loop(state, lambda *state: state[2], body, mode=mode)[1]
 
 
-def _step(m: Any, point: mi.Point3f) -> Drjit:
+def _spawn_offset(m: Any, point: mi.Point3f) -> Drjit:
     """Return the distance between a surface and the start of a ray that Mitsuba spawns there."""
-    return (1.0 + largest(point)) * float(m.math.RayEpsilon)
+    return (1.0 + largest_coordinate(point)) * float(m.math.RayEpsilon)
 
 
 def direction_of(m: Any, angles: mi.Point2f) -> mi.Vector3f:
-    """Convert the angles (alpha, psi) to a unit vector in front of the receiver."""
-    rho = _root(1.0 - angles.x * angles.x)
+    """Convert the angles (alpha, psi) to a unit vector in the frame of the receiver."""
+    rho = _root_of_positive(1.0 - angles.x * angles.x)
     sine, cosine = dr.sincos(angles.y)
     return m.Vector3f(angles.x, rho * sine, dr.abs(rho * cosine) + _GRAZING)
 
 
-def in_pixel(m: Any, point: mi.Point2f, size: tuple[int, int]) -> tuple[mi.Point2f, Drjit]:
-    """Map a film position to angles (alpha, psi), uniform in the solid angle of its pixel."""
+def angles_in_pixel(m: Any, point: mi.Point2f, size: tuple[int, int]) -> tuple[mi.Point2f, Drjit]:
+    """Map a film position to angles (alpha, psi), and return the solid angle of its pixel.
+
+    ``size`` is the number of columns and rows. The angles are uniformly distributed in solid angle.
+    """
     width, height = size
     alpha = point.x * (2.0 / width) - 1.0
     row = dr.floor(point.y)
-    rho = _root(1.0 - alpha * alpha)
+    rho = _root_of_positive(1.0 - alpha * alpha)
     inverse = 1.0 / dr.select(rho > 0.0, rho, 1.0)
     low, high = (
         dr.asin(dr.clip(((row + k) * (2.0 / height) - 1.0) * inverse, -1.0, 1.0)) for k in (0, 1)
@@ -104,7 +105,8 @@ def in_pixel(m: Any, point: mi.Point2f, size: tuple[int, int]) -> tuple[mi.Point
     return m.Point2f(alpha, psi), (high - low) * (2.0 / width)
 
 
-def _root(value: Drjit) -> Drjit:
+def _root_of_positive(value: Drjit) -> Drjit:
+    """Return the square root of a number, or 0 if the number is negative."""
     return dr.sqrt(dr.select(value > 0.0, value, 0.0))
 
 
@@ -135,21 +137,25 @@ class WignerReceiver(VariantPlugin):
         self._set_pose()
         source, wavelength = spec.at_origin, spec.wavelength
         radiance = WignerRadiance(m, spec, wavelength)
-        terms = [(term.source, term.forms) for term in radiance.terms]
-        self.directions = directions_of(m, terms, spec.fields_of(source)[0][0].bounds, wavelength)
+        bounds = spec.fields_of(source)[0][0].bounds
+        self.directions = directions_of(m, radiance.terms, bounds, wavelength)
         self.polariser = Polariser(m, spec.polarisation)
         self.estimator = ESTIMATORS[spec.estimator](m, spec, wavelength, radiance)
-        reach = float(np.hypot(*np.abs(np.reshape(source.bounds, (2, 2))).max(axis=0)))
-        far = _FAR * reach * max(reach / wavelength, 1.0)
+        radius = float(np.hypot(*np.abs(np.reshape(source.bounds, (2, 2))).max(axis=0)))
+        far = _FAR * radius * max(radius / wavelength, 1.0)
         self._far = opaque(m, far / spec.scene_unit)
 
     def _set_pose(self) -> None:
+        """Set the frame of the receiver after a change of its pose."""
         self._frame = Frame(self.m, self.to_world, self.spec.centre)
         self.stand_at(float(np.abs(self.spec.pose[:3]).max()))
 
-    def stand_at(self, reach: float) -> None:
-        """Set the largest coordinate of the receiver and of adjacent surfaces."""
-        self._lift = opaque(self.m, ROUNDING * reach)
+    def stand_at(self, extent: float) -> None:
+        """Set the largest coordinate of the receiver and of adjacent surfaces, in scene units.
+
+        The distance between the receiver and the starts of rays is proportional to this coordinate.
+        """
+        self._ray_offset = opaque(self.m, ROUNDING * extent)
 
     def traverse(self, callback: mi.TraversalCallback) -> None:
         """Register the film, the sampler and the rigid pose as parameters."""
@@ -166,6 +172,7 @@ class WignerReceiver(VariantPlugin):
     def sample_ray_differential(
         self, time: Drjit, sample1: Drjit, sample2: Drjit, sample3: Drjit, active: Drjit = True
     ) -> tuple[mi.RayDifferential3f, Drjit]:
+        """Return a random ray and its spectral weight, for Mitsuba."""
         angles, solid_angle = self._film_angles(sample2)
         ray, weight, colours = self.ray_along(angles, time, sample1, sample3, active)
         return ray, self.spectral_weight(colours, weight * solid_angle, angles, active)
@@ -173,22 +180,24 @@ class WignerReceiver(VariantPlugin):
     def sample_ray(
         self, time: Drjit, sample1: Drjit, sample2: Drjit, sample3: Drjit, active: Drjit = True
     ) -> tuple[mi.Ray3f, Drjit]:
+        """Return a random ray without differentials and its spectral weight, for Mitsuba."""
         ray, weight = self.sample_ray_differential(time, sample1, sample2, sample3, active)
         return self.m.Ray3f(ray), weight
 
     def spectral_weight(
         self, colours: Drjit, weight: Drjit, angles: mi.Point2f, active: Drjit = True
     ) -> Drjit:
-        """Return the spectral weight of a ray, including polarisation."""
+        """Return the weight of a ray as a spectrum or as a row of a Mueller matrix."""
         direction = direction_of(self.m, angles)
         return colours * self.polariser.received(weight, direction, self._frame, active)
 
     def ray_along(
         self, angles: Drjit, time: Drjit, sample1: Drjit, sample3: Drjit, active: Drjit = True
     ) -> tuple[mi.RayDifferential3f, Drjit, Drjit]:
-        """Return a ray, its weight, and its spectral weight.
+        """Return a ray with the angles (alpha, psi), its weight, and the weight of its wavelengths.
 
-        The weight times a radiance and a solid angle is a power in W.
+        The weight times a radiance and a solid angle is a power in W. The samples select the
+        wavelengths (``sample1``) and the position on the receiver (``sample3``).
         """
         direction = direction_of(self.m, angles)
         ray = self.m.RayDifferential3f()
@@ -200,11 +209,11 @@ class WignerReceiver(VariantPlugin):
             sample3, coins = self.m.Point2f(sample3), sample3.y * (1 << _MOST_PASSED)
             sample3.y = coins - dr.floor(coins)
         x = self.estimator.draw(sample3)
-        ray.o = self._frame.point(x) + self.lift
+        ray.o = self._frame.point(x) + self.ray_offset
         weight: Drjit = 1.0
         if self.spec.diffraction:
             weight = self._pass_surfaces(ray, self.m.UInt32(coins), active)
-        end = self._end(ray, x, direction, active) if self.estimator.needs_distance else ()
+        end = self._end_of_ray(ray, x, direction, active) if self.estimator.needs_distance else ()
         weight = weight * self.estimator.received(x, direction, *end)
         zero = dr.zeros(self.m.SurfaceInteraction3f)
         ray.wavelengths, colours = self.sample_wavelengths(zero, sample1, active)
@@ -222,16 +231,19 @@ class WignerReceiver(VariantPlugin):
             (sample.x * int(size[0]) + int(corner[0])) / fine,
             (sample.y * int(size[1]) + int(corner[1])) / fine,
         )
-        return in_pixel(self.m, point, (width, height))
+        return angles_in_pixel(self.m, point, (width, height))
 
     @property
-    def lift(self) -> mi.Vector3f:
+    def ray_offset(self) -> mi.Vector3f:
         """Vector from the receiver to the start of a ray in front of it."""
-        return self._frame.axes[2] * self._lift
+        return self._frame.axes[2] * self._ray_offset
 
     def _pass_surfaces(self, ray: mi.RayDifferential3f, coins: Drjit, active: Drjit) -> Drjit:
-        """Move a ray's start past a random number of surfaces; return a factor for its weight."""
-        scene, going, weight = self._known_scene(), self.m.Bool(active), self.m.Float(1.0)
+        """Move a ray's start past a random number of surfaces; return a factor for its weight.
+
+        Bit k of ``coins`` decides whether the ray passes surface k.
+        """
+        scene, going, weight = self._required_scene(), self.m.Bool(active), self.m.Float(1.0)
         for number in range(_MOST_PASSED + 1):
             distance = distance_to_surface(self.m, scene, ray, self._far, going)
             is_met = going & (distance < self._far)
@@ -242,12 +254,13 @@ class WignerReceiver(VariantPlugin):
                 break
             passes = is_met & ((coins & self.m.UInt32(1 << number)) != self.m.UInt32(0))
             weight = dr.select(is_met, 2.0 * weight, weight)
-            ahead = ray.d * (distance + _step(self.m, ray.o + ray.d * distance))
+            ahead = ray.d * (distance + _spawn_offset(self.m, ray.o + ray.d * distance))
             ray.o = self.m.Point3f(dr.select(passes, ray.o + ahead, ray.o))
             going = passes
         return weight
 
-    def _known_scene(self) -> mi.Scene:
+    def _required_scene(self) -> mi.Scene:
+        """Return the scene; raise SceneError if it has not been passed to the receiver."""
         if self.scene is None:
             raise SceneError(
                 f'the wigner_receiver with the estimator "{self.spec.estimator}" requires its '
@@ -256,20 +269,24 @@ class WignerReceiver(VariantPlugin):
             )
         return self.scene
 
-    def _end(
+    def _end_of_ray(
         self, ray: mi.RayDifferential3f, x: mi.Point2f, direction: mi.Vector3f, active: Drjit
     ) -> tuple[mi.Point3f, Drjit]:
-        """Return the end point of a ray on a surface or far away, and the length of the ray."""
-        distance = distance_to_surface(self.m, self._known_scene(), ray, self._far, active)
+        """Return the point where a ray meets a surface, and the length of the ray.
+
+        The point is in the frame of the receiver. Rays that meet no surface end at a distant point.
+        """
+        distance = distance_to_surface(self.m, self._required_scene(), ray, self._far, active)
         if self.spec.diffraction:
-            end = self._frame.to_own(ray.o + ray.d * distance - self._frame.origin)
+            end = self._frame.to_local(ray.o + ray.d * distance - self._frame.origin)
             point = self.m.Point3f(end)
             return point, dr.norm(point - self.m.Point3f(x.x, x.y, 0.0))
         along = direction * distance
-        return self.m.Point3f(x.x + along.x, x.y + along.y, self._lift + along.z), distance
+        return self.m.Point3f(x.x + along.x, x.y + along.y, self._ray_offset + along.z), distance
 
 
 def _check_film(values: dict[str, Any]) -> None:
+    """Raise SceneError unless a receiver has a film with a box filter."""
     objects = (value for value in values.values() if isinstance(value, mi.Object))
     films = [
         value for value in objects if hasattr(value, "rfilter") and hasattr(value, "crop_size")
@@ -289,6 +306,7 @@ def _check_film(values: dict[str, Any]) -> None:
 
 
 def _build(variant: str, props: mi.Properties) -> mi.Sensor:
+    """Create a ``wigner_receiver`` sensor for a variant of Mitsuba from its properties."""
     values = values_of(props)
     spec = checked_parameters(values, RECEIVER, variant)
     _check_film(values)
@@ -386,7 +404,7 @@ def receiver(
         estimator=estimator,
         diffraction=diffraction,
         normalise=normalise,
-        film=_film(film),
+        film=_film_entry(film),
         sampler={"type": "multijitter"},
         **parse_noise(bandwidth, temperature, noise_figure),
     )
@@ -395,6 +413,7 @@ def receiver(
 
 
 def film_of(width: int, height: int) -> dict[str, Any]:
+    """Return the dictionary entry of a luminance film with a box filter."""
     return {
         "type": "hdrfilm",
         "width": width,
@@ -405,7 +424,8 @@ def film_of(width: int, height: int) -> dict[str, Any]:
     }
 
 
-def _film(film: tuple[int, int] | Mapping[str, Any] | None) -> dict[str, Any]:
+def _film_entry(film: tuple[int, int] | Mapping[str, Any] | None) -> dict[str, Any]:
+    """Return the dictionary entry of a film from the argument ``film`` of `receiver`."""
     if isinstance(film, Mapping):
         return dict(film)
     pixels = np.array((1, 1) if film is None else film)

@@ -88,7 +88,7 @@ one_at_a_time = exclusive()
 
 
 def add_plugin(kind: str, name: str, build: _Build) -> None:
-    """Add a plugin for :func:`register`; ``build(variant, props)`` creates the plugin."""
+    """Add a shape or sensor for :func:`register`; ``build(variant, props)`` creates it."""
     _plugins[kind, name] = build
 
 
@@ -105,16 +105,30 @@ def original_error(error: BaseException) -> PolywignerError | None:
     return next((cause for cause in reversed(_recent_errors) if str(cause) in text), None)
 
 
+@contextmanager
+def scene_errors(about: str = "") -> Iterator[None]:
+    """Convert errors of this package in a ``with`` block to SceneErrors.
+
+    ``about`` is the start of their messages.
+    """
+    try:
+        yield
+    except PolywignerError as error:
+        raise SceneError(f"{about}{error}") from None
+
+
 def _on_variant_change(_old: str | None, new: str) -> None:
+    """Register all plugins for ``scalar_rgb`` and for the variant ``new``."""
     # Mitsuba looks up the kind of every plugin in scalar_rgb. Without a registration in scalar_rgb,
     # it fails to load two equal shapes.
     for variant in ("scalar_rgb", new):
         for (kind, name), build in _plugins.items():
             register_one = getattr(getattr(mi, variant), f"register_{kind}")
-            register_one(name, partial(_built, build, variant))
+            register_one(name, partial(_build_and_keep_error, build, variant))
 
 
-def _built(build: _Build, variant: str, props: mi.Properties) -> mi.Object:
+def _build_and_keep_error(build: _Build, variant: str, props: mi.Properties) -> mi.Object:
+    """Create a plugin; keep an error of this package for `original_error`."""
     try:
         with uncompiled():
             return build(variant, props)
@@ -147,6 +161,7 @@ STL = "stl"
 
 
 def _build_stl(variant: str, props: mi.Properties) -> mi.Mesh:
+    """Create a mesh from an STL file and the parameter ``to_world``."""
     path = str(mi.file_resolver().resolve(props["filename"]))
     vertices, triangles = read_triangles(path, "m")
     matrix = np.eye(4)
@@ -215,6 +230,7 @@ def is_key(name: str) -> bool:
 
 
 def registered_source(key: str) -> Aperture | Array | Wavefront:
+    """Return the source with a key of `register_source`; raise SceneError if it is unknown."""
     with _sources_lock:
         source = _sources.get(key)
     if source is None:

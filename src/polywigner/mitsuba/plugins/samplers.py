@@ -20,7 +20,6 @@ from polywigner.execution import Drjit, ops_for
 from polywigner.geometry.convex import Trapezoids, point_in_trapezoid, trapezoids
 from polywigner.numerics import Floats
 from polywigner.source.normal_form import normal_form
-from polywigner.source.obliquities import Forms
 from polywigner.source.polarisation import Stokes
 from polywigner.transforms import fourier
 
@@ -102,12 +101,12 @@ class Directions:
         self._inverse_area = 1.0 / float(np.prod(sides))
 
     def sample(self, sample: mi.Point2f) -> tuple[mi.Point2f, Drjit]:
-        """Map points of the unit square to angles and their density."""
+        """Map points of the unit square to angles (alpha, psi) and their density."""
         point, density = self._warp.sample(sample)
         return self._m.Point2f(point * self._size + self._low), density * self._inverse_area
 
     def density(self, angles: mi.Point2f) -> Drjit:
-        """Return the density at angles (alpha, psi)."""
+        """Return the density of samples per solid angle at angles (alpha, psi)."""
         point = (angles - self._low) / self._size
         inside = dr.all((point >= 0.0) & (point <= 1.0))
         density = self._warp.eval(dr.clip(point, 0.0, 1.0))
@@ -115,15 +114,12 @@ class Directions:
 
 
 def directions_of(
-    m: Any,
-    terms: Sequence[tuple[SceneSource, Forms]],
-    bounds: Sequence[float],
-    wavelength: float,
+    m: Any, terms: Sequence[Any], bounds: Sequence[float], wavelength: float
 ) -> Directions:
     """Return a sampler of directions for a source.
 
-    ``terms`` are the radiance terms that `emissions` returns, and ``bounds`` is the source's
-    bounding box in metres. The density is a mixture of the far-field pattern g |F|^2, its square
+    ``terms`` are the terms of `WignerRadiance`, and ``bounds`` is the source's bounding box in
+    metres. The density is a mixture of the far-field pattern g |F|^2, its square
     root and a uniform density.
     """
     low, high = np.reshape(bounds, (2, 2))
@@ -142,12 +138,13 @@ def directions_of(
 
 
 def _mean_pattern(
-    terms: Sequence[tuple[SceneSource, Forms]],
-    wavelength: float,
-    counts: npt.NDArray[np.int_],
-    within: int,
+    terms: Sequence[Any], wavelength: float, counts: npt.NDArray[np.int_], within: int
 ) -> Floats:
-    """Return the far-field pattern g |F|^2 on a grid, averaged over each cell."""
+    """Return the far-field pattern g |F|^2 on a grid of angles, averaged over each cell.
+
+    ``counts`` is the number of cells along both axes, and ``within`` the number of samples along
+    each side of a cell.
+    """
     steps = np.array([2.0, math.pi]) / counts
     shifts = (np.arange(within) + 0.5) / within - 0.5
     total = np.zeros(1)
@@ -160,8 +157,8 @@ def _mean_pattern(
         rho = np.sqrt(1.0 - alpha * alpha)
         cosine = np.maximum(rho * np.cos(psi), 0.0)
         nu = np.stack(np.broadcast_arrays(alpha, rho * np.sin(psi)), axis=-1) / wavelength
-        for source, forms in terms:
-            total = total + np.abs(fourier(source, nu)) ** 2 * forms.irradiance(cosine)
+        for term in terms:
+            total = total + np.abs(fourier(term.source, nu)) ** 2 * term.forms.irradiance(cosine)
     return np.maximum(total, 0.0)
 
 
@@ -179,12 +176,12 @@ class Frame:
         if dr.is_jit_v(m.Float):
             dr.make_opaque(self.axes, self.origin)
 
-    def to_own(self, v: mi.Vector3f) -> mi.Vector3f:
-        """Convert a vector from the scene to this frame."""
+    def to_local(self, v: mi.Vector3f) -> mi.Vector3f:
+        """Convert a vector in the scene to this frame."""
         return self._m.Vector3f(*(dr.dot(axis, v) for axis in self.axes))
 
     def to_scene(self, v: mi.Vector3f) -> mi.Vector3f:
-        """Convert a vector from this frame to the scene."""
+        """Convert a vector in this frame to the scene."""
         ex, ey, ez = self.axes
         return ex * v.x + ey * v.y + ez * v.z
 

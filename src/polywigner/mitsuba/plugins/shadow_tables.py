@@ -171,6 +171,7 @@ class _Edges(NamedTuple):
         return np.asarray(across <= _GAP * np.abs(self.lines).max(axis=1) * length)
 
     def rows(self, some: NDArray[np.bool_]) -> _Edges:
+        """Return the edges for which a mask (m,) is true."""
         return _Edges(
             self.ends[some], self.lines[some], self.pieces[some], self.planes[some], self.span
         )
@@ -227,6 +228,7 @@ def _edges_by_nodes(
     ends = ends.reshape(-1, 6)
 
     def edges(rows: Indices, seen: Floats, span: tuple[int, int]) -> tuple[_Edges, Indices]:
+        """Return the edges with indices ``rows``, seen from a span of nodes, and their groups."""
         return _Edges(seen, lines[rows], pieces_behind[rows], planes[rows], span), group[rows]
 
     yield edges(rows[:, 0], ends[rows][:, seen_by], (0, len(nodes.positions)))
@@ -279,6 +281,7 @@ def _hulls(ends: Floats, labels: Indices) -> Floats:
 
 
 def _edge_rows(nodes: SourceNodes, parts: Sequence[_Edges]) -> tuple[Floats, Floats, Floats]:
+    """Return the tables ``ends``, ``edges`` and ``samples`` of `EdgeTables` for all parts."""
     reach = float(np.linalg.norm(np.ptp(nodes.origins, axis=0))) / 2
     places = [_places(nodes, reach, edge) for part in parts for edge in part.lines]
     counts = np.array([len(some) for some in places])

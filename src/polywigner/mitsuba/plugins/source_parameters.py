@@ -13,7 +13,7 @@ import mitsuba as mi
 import numpy as np
 
 from polywigner import geometry
-from polywigner.errors import ArgumentError, GeometryError, SceneError
+from polywigner.errors import GeometryError, SceneError
 from polywigner.geometry import (
     Aperture,
     PlacedAperture,
@@ -29,8 +29,13 @@ from polywigner.mitsuba.plugins.mixtures import (
     norm_of,
     support_of,
 )
-from polywigner.mitsuba.plugins.registration import is_key, register_source, registered_source
-from polywigner.mitsuba.scenes.surfaces import matrix_of, reach_at
+from polywigner.mitsuba.plugins.registration import (
+    is_key,
+    register_source,
+    registered_source,
+    scene_errors,
+)
+from polywigner.mitsuba.scenes.surfaces import extent_near, matrix_of
 from polywigner.numerics import Complex, Floats
 from polywigner.quantities import (
     NOISE_PARSERS,
@@ -126,22 +131,15 @@ class SourceParameters:
         return list(stokes_fields(source, self.polarisation))
 
     def norm_at(self, wavelength: float, normalise: str | None = None) -> float:
+        """Return the norm in W at a wavelength in m, by default as defined by ``normalise``."""
         return math.fsum(
             norm_of(part, wavelength, self.obliquity, self.mixture, normalise or self.normalise)
             for part, stokes in self.fields_of(self.source)
             if stokes is None or stokes[0] > 0
         )
 
-    def reach_in(self, scene: mi.Scene, pose: Floats) -> float:
-        """Return the largest coordinate of the source and of adjacent flat surfaces.
-
-        The result is in scene units, but the translation of ``pose`` is in metres.
-        """
-        low, high = np.reshape(self.source.bounds, (2, 2))
-        corners = np.array([[x, y] for x in (low[0], high[0]) for y in (low[1], high[1])])
-        return reach_at(scene, (corners @ pose[:3, :2].T + pose[:3, 3]) / self.scene_unit)
-
     def with_source(self, source: SceneSource, wavelength: float) -> SourceParameters:
+        """Return a copy with another source, and with its region and norm."""
         spec = replace(self, source=source, support=support_of(source, self.obliquity))
         return replace(spec, norm=spec.norm_at(wavelength))
 
@@ -182,11 +180,9 @@ def read_parameters(values: Mapping[str, Any], plugin: str) -> SourceParameters:
         )
     obliquity = element.choice("an obliquity", OBLIQUITIES, DEFAULT)
     wavelength = element.wavelength()
-    try:
-        bandwidth = element.number("bandwidth") if is_emitter else None
+    bandwidth = element.number("bandwidth") if is_emitter else None
+    with scene_errors():
         source, mixture = mixture_of(element.source(wavelength), wavelength, bandwidth)
-    except ArgumentError as error:
-        raise SceneError(str(error)) from None
     spec = SourceParameters(
         source=source,
         wavelength=wavelength,
@@ -209,6 +205,7 @@ def read_parameters(values: Mapping[str, Any], plugin: str) -> SourceParameters:
 
 
 def _power(element: _SceneValues, spec: SourceParameters) -> float:
+    """Return the radiated power in W that the parameters of an emitter specify."""
     power, inside = element.number("power"), element.number("aperture_power")
     if power is not None and inside is not None:
         raise SceneError(
@@ -239,6 +236,7 @@ _PARSERS: dict[str, Callable[[Any], float]] = {
 
 
 def _number(name: str, value: Any, element: str) -> float:
+    """Convert a parameter to SI units; raise SceneError if it is not a quantity."""
     if not isinstance(value, str | Real) or isinstance(value, bool):
         raise SceneError(f"expected {name} to be a number or a string, got {type(value).__name__}")
     try:
@@ -280,6 +278,7 @@ class _SceneValues:
     element: str
 
     def check_names(self, known: tuple[str, ...]) -> None:
+        """Raise SceneError for a parameter that is not in ``known``."""
         for name, value in self.values.items():
             is_nested = isinstance(value, mi.Object | Mapping) or name == "type"
             if not is_nested and name not in known:
@@ -302,6 +301,7 @@ class _SceneValues:
         return apply_texts(self._outline(), texts, wavelength)
 
     def _outline(self) -> PublicSource | Polyhedron:
+        """Return the source that is named by ``aperture`` or ``source``, without its texts."""
         names = [name for name in ("aperture", "source") if name in self.values]
         if len(names) == 2:
             raise SceneError(
@@ -327,6 +327,7 @@ class _SceneValues:
         return read_aperture(path, self.text("unit", "mm"), self.number("tolerance"), layers, joins)
 
     def wavelength(self) -> float:
+        """Return the wavelength in m, from the parameter ``wavelength`` or ``frequency``."""
         frequency, wavelength = self.number("frequency"), self.number("wavelength")
         if frequency is not None and wavelength is None:
             return wavelength_of(frequency)
@@ -339,15 +340,15 @@ class _SceneValues:
         )
 
     def polarisation(self, source: SceneSource) -> Complex | None:
+        """Return the Jones vectors of a source, or None for unpolarised light."""
         text = self.text("polarisation", UNPOLARISED)
         if text.strip().lower() == UNPOLARISED:
             return None
-        try:
+        with scene_errors():
             return polarisation_of_text(text, source)
-        except ArgumentError as error:
-            raise SceneError(str(error)) from None
 
     def pose(self) -> Floats:
+        """Return the pose ``to_world``, shape (4, 4), by default the identity."""
         transform = self.values.get("to_world")
         return rigid_pose(np.eye(4) if transform is None else transform.matrix)
 
@@ -358,6 +359,7 @@ class _SceneValues:
         return _number(name, self.values[name], self.element)
 
     def flag(self, name: str, default: bool) -> bool:
+        """Return a parameter that is True or False."""
         value = self.values.get(name, default)
         if not isinstance(value, bool | np.bool_):
             raise self._wrong_type(name, "True or False", "boolean")
@@ -377,6 +379,7 @@ class _SceneValues:
         return value
 
     def _wrong_type(self, name: str, expected: str, tag: str) -> SceneError:
+        """Return the error for a parameter of a wrong type."""
         value = self.values[name]
         return SceneError(
             f'expected {name} to be {expected}, <{tag} name="{name}" .../> in a scene file, got '
@@ -406,5 +409,10 @@ def pose_of(plugin: Any) -> Floats:
 
 
 def reach_of(scene: mi.Scene, plugin: Any) -> float:
-    """Return the largest coordinate of a source or receiver, as in :meth:`reach_in`."""
-    return float(plugin.spec.reach_in(scene, pose_of(plugin)))
+    """Return the largest coordinate of a source or receiver and of adjacent flat surfaces.
+
+    The result is in scene units.
+    """
+    pose, (left, bottom, right, top) = pose_of(plugin), plugin.spec.source.bounds
+    corners = np.array([[x, y] for x in (left, right) for y in (bottom, top)])
+    return extent_near(scene, (corners @ pose[:3, :2].T + pose[:3, 3]) / plugin.spec.scene_unit)

@@ -84,6 +84,7 @@ class DrawnWaves:
         return Wave(inverse, tilt)
 
     def _hash(self, *values: Drjit) -> Drjit:
+        """Return a hash of the bits of single-precision numbers, as an unsigned integer."""
         key: Drjit = 0
         for value, factor in zip(values, _FACTORS, strict=False):
             if self._jit:
@@ -95,6 +96,7 @@ class DrawnWaves:
 
 
 def _uniform(word: Drjit) -> Drjit:
+    """Convert a 32-bit random integer to a number between 0 and 1."""
     return ((word >> 9) + 0.5) * 2.0**-23
 
 
@@ -132,27 +134,33 @@ class WignerRadiance:
 
         ``wigner(ops, x, y, nu_x, nu_y)`` replaces the Wigner function of each term.
         """
+        position = (x.x * self._unit, x.y * self._unit)
+        frequency = self._flattened(_frequency(direction, wave), position, wave.inverse)
+        point = (*position, *frequency)
+
+        def wigner_of(term: _Term) -> Drjit:
+            """Return the Wigner function of a term."""
+            if wigner is not None:
+                return wigner(self._ops, *point)
+            if self._jit:
+                arguments = term.kernel, self._ops, term.tables, point, Traced()
+                return kernel_with_derivatives(*arguments)[0]
+            return term.kernel(self._ops, term.tables, *point)[0]
+
+        return self._sum_over_terms(direction, wigner_of)
+
+    def _sum_over_terms(self, direction: Drjit, value_of: Callable[[_Term], Drjit]) -> Drjit:
+        """Return the sum of h times ``value_of(term)``, as a number or Stokes vector."""
         front = direction.z > 0.0
         cosine = dr.select(front, direction.z, 1.0)
-        position = (x.x * self._unit, x.y * self._unit)
-        frequency = self._sheared(_frequency(direction, wave), position, wave.inverse)
-        density = 0.0
+        total = 0.0
         for term in self.terms:
-            if wigner is not None:
-                value = wigner(self._ops, *position, *frequency)
-            elif self._jit:
-                value = kernel_with_derivatives(
-                    term.kernel, self._ops, term.tables, (*position, *frequency), Traced()
-                )[0]
-            else:
-                value = term.kernel(self._ops, term.tables, *position, *frequency)[0]
-            density = density + times_stokes(
-                self._m, term.stokes, value * term.forms.radiance(cosine)
-            )
-        return dr.select(front, density, 0.0)
+            value = value_of(term) * term.forms.radiance(cosine)
+            total = total + times_stokes(self._m, term.stokes, value)
+        return dr.select(front, total, 0.0)
 
-    def _sheared(self, frequency: Point, position: Point, inverse: Drjit) -> Point:
-        """Subtract the local spatial frequency of a curved wave."""
+    def _flattened(self, frequency: Point, position: Point, inverse: Drjit) -> Point:
+        """Subtract the local spatial frequency of a curved wave from a frequency in 1/m."""
         if self._wave is None:
             return frequency
         (xx, xy), (_, yy) = self._wave.curvature.tolist()
@@ -170,21 +178,20 @@ class WignerRadiance:
 
         ``intensity(ops, nu_x, nu_y)`` replaces the |F|^2 of each term.
         """
-        front = direction.z > 0.0
-        cosine = dr.select(front, direction.z, 1.0)
         x, y = _frequency(direction, wave)
-        total = 0.0
-        for term in self.terms:
+
+        def intensity_of(term: _Term) -> Drjit:
+            """Return |F|^2 of a term."""
             if intensity is not None:
-                square = intensity(self._ops, x, y)
-            else:
-                value = fourier(term.source, self._m.Vector2f(x, y) if self._jit else [x, y])
-                square = value.real * value.real + value.imag * value.imag
-            total = total + times_stokes(self._m, term.stokes, square * term.forms.radiance(cosine))
-        return dr.select(front, total, 0.0)
+                return intensity(self._ops, x, y)
+            value = fourier(term.source, self._m.Vector2f(x, y) if self._jit else [x, y])
+            return value.real * value.real + value.imag * value.imag
+
+        return self._sum_over_terms(direction, intensity_of)
 
 
 def _frequency(direction: mi.Vector3f, wave: Wave) -> Point:
+    """Return the spatial frequency of a direction in 1/m, relative to the tilt of a wave."""
     x, y = direction.x * wave.inverse, direction.y * wave.inverse
     return (x, y) if wave.tilt is None else (x - wave.tilt.x, y - wave.tilt.y)
 
@@ -230,7 +237,10 @@ class WignerEstimator:
     def received(
         self, x: Drjit, direction: Drjit, point: Drjit = None, distance: Drjit = None
     ) -> Drjit:
-        """Return the ray weight h W cos/N, divided by the density of positions in scene units."""
+        """Return the ray weight h W cos/N, divided by the density of positions in scene units.
+
+        ``x`` is the start of the ray in the frame of the receiver; its end is not used.
+        """
         wave = self._radiance.waves.wave(self._inverse, x, direction)
         return self._scale * self._radiance.at(x, direction, wave) * direction.z / self.density
 
@@ -254,39 +264,40 @@ class TracedSource:
         source = spec.source
         self.vertices: Any = None
         self.weights: Any = None
-        if not dr.is_jit_v(m.Float) or spec.has_several or not _is_simple(source):
+        if not dr.is_jit_v(m.Float) or spec.has_several or not _is_traceable(source):
             return
         self._tables = new_tables_of(flat_source(spec.at_origin), dr.itemsize_v(m.Float) == 8)
         if self._tables.clips > _MOST_CUTS:
             return
-        self.vertices = m.Float(_corners(source).ravel().tolist())
+        self.vertices = m.Float(_vertices_of(source).ravel().tolist())
         if isinstance(source, Array):
-            self.weights = m.Float(_pairs(source.weights).ravel().tolist())
+            self.weights = m.Float(_real_and_imaginary_parts(source.weights).ravel().tolist())
 
     def has_gradients(self) -> bool:
         """Return whether derivatives with respect to vertices or weights are enabled."""
         return any(v is not None and dr.grad_enabled(v) for v in (self.vertices, self.weights))
 
     def changed(self) -> Aperture | Array | None:
-        """Return the source with the current values, or None if no value has changed."""
+        """Return the source with the user's vertices and weights, or None if none has changed."""
         if self.vertices is None:
             return None
         source: Any = self._spec.source
-        known = _corners(source).astype(np.float32)
-        points = self._values("vertices", self.vertices, len(known))
+        known = _vertices_of(source).astype(np.float32)
+        points = self._checked_pairs("vertices", self.vertices, len(known))
         has_changed = not np.array_equal(points, known)
         if has_changed:
             columns = (self._m.Float(column.tolist()) for column in points.T)
             source = differentiable_source(source, vertices=self._m.Point2f(*columns)).source
         if isinstance(source, Array):
-            known = _pairs(source.weights).astype(np.float32)
-            pairs = self._values("weights", self.weights, len(known))
+            known = _real_and_imaginary_parts(source.weights).astype(np.float32)
+            pairs = self._checked_pairs("weights", self.weights, len(known))
             if not np.array_equal(pairs, known):
                 weights = self._m.TensorXf(pairs)
                 source, has_changed = differentiable_source(source, weights=weights).source, True
         return source if has_changed else None
 
-    def _values(self, name: str, flat: Drjit, count: int) -> NDArray[np.float32]:
+    def _checked_pairs(self, name: str, flat: Drjit, count: int) -> NDArray[np.float32]:
+        """Return a parameter as an array (count, 2); raise SceneError unless it is finite."""
         values = np.array(dr.detach(flat), np.float32)
         if values.size != 2 * count or not np.isfinite(values).all():
             raise SceneError(
@@ -296,12 +307,12 @@ class TracedSource:
         return values.reshape(-1, 2)
 
     def wigner(self, ops: Any, *point: Drjit) -> Drjit:
-        """Return the Wigner function of the centred source, with derivatives."""
+        """Return the Wigner function W(x, nu) of the centred source, with derivatives."""
         frame = self._tables.frame
-        x, y = zip(*(frame.position(ops, *corner) for corner in self._centred()), strict=True)
+        x, y = zip(*(frame.position(ops, *corner) for corner in self._vertices()), strict=True)
         fields = None
         if self.weights is not None:
-            pairs = zip(self._gathered(self.weights), self._tables.factors, strict=True)
+            pairs = zip(self._pairs_of_numbers(self.weights), self._tables.factors, strict=True)
             scaled = [Pair(*weight) * Pair(f.real, f.imag) for weight, f in pairs]
             fields = tuple(w.real for w in scaled), tuple(w.imag for w in scaled)
         traced = Traced((x, y), fields)
@@ -309,10 +320,10 @@ class TracedSource:
         return value
 
     def intensity(self, ops: Any, *nu: Drjit) -> Drjit:
-        """Return |F|^2 of the centred source, with derivatives."""
+        """Return |F(nu)|^2 of the centred source, with derivatives."""
         code = DrjitOperations(ops.float_type, most_as_code=math.inf)
-        corners = iter(self._centred())
-        weights = None if self.weights is None else self._gathered(self.weights)
+        corners = iter(self._vertices())
+        weights = None if self.weights is None else self._pairs_of_numbers(self.weights)
         total = Pair(0.0, 0.0)
         for number, element in enumerate(flat_source(self._spec.at_origin).elements_in_plane):
             outline = new_outline_of(element)
@@ -322,25 +333,30 @@ class TracedSource:
             total = total + (value if weights is None else value * Pair(*weights[number]))
         return total.real * total.real + total.imag * total.imag
 
-    def _gathered(self, flat: Drjit) -> list[Point]:
+    def _pairs_of_numbers(self, flat: Drjit) -> list[Point]:
+        """Return the pairs of numbers of a flat array, with derivatives."""
         m = self._m
         numbers = [dr.gather(m.Float, flat, m.UInt32(k)) for k in range(dr.width(flat))]
         return list(zip(numbers[::2], numbers[1::2], strict=True))
 
-    def _centred(self) -> list[Point]:
+    def _vertices(self) -> list[Point]:
+        """Return the vertices relative to the centre of the source, with derivatives."""
         cx, cy = self._spec.support.centre.tolist()
-        return [(x - cx, y - cy) for x, y in self._gathered(self.vertices)]
+        return [(x - cx, y - cy) for x, y in self._pairs_of_numbers(self.vertices)]
 
 
-def _corners(source: Aperture | Array) -> NDArray[np.float64]:
+def _vertices_of(source: Aperture | Array) -> NDArray[np.float64]:
+    """Return the vertices of all elements in m, shape (n, 2)."""
     return np.concatenate(normal_form(source).rings)
 
 
-def _pairs(weights: NDArray[np.complex128]) -> NDArray[np.float64]:
+def _real_and_imaginary_parts(weights: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Return complex weights (n,) as real and imaginary parts, shape (n, 2)."""
     return np.stack([weights.real, weights.imag], axis=-1)
 
 
-def _is_simple(source: SceneSource) -> bool:
+def _is_traceable(source: SceneSource) -> bool:
+    """Return whether the elements of a source are disjoint, with uniform fields."""
     if isinstance(source, Wavefront):
         return False
     elements = source.elements_in_plane

@@ -73,8 +73,8 @@ def element_responses(
     SceneError
         If an element cannot radiate.
     """
-    positions, _, attrs = _checked(cloud)
-    return _responses(positions, _sources(elements), to_world, attrs)
+    positions, _, attrs = _contents_of(cloud)
+    return _responses(positions, _checked_elements(elements), to_world, attrs)
 
 
 def covariance(
@@ -111,8 +111,8 @@ def covariance(
     ArgumentError
         As in :func:`element_responses`, or if ``ranges`` does not ascend.
     """
-    positions, intensity, attrs = _checked(cloud)
-    sources = _sources(elements)
+    positions, intensity, attrs = _contents_of(cloud)
+    sources = _checked_elements(elements)
     count = 1
     gates = np.zeros(len(intensity), np.intp)
     if ranges is not None:
@@ -138,7 +138,10 @@ def covariance(
 def _responses(
     positions: Floats, sources: Sequence[Any], to_world: Any, attrs: dict[str, Any]
 ) -> Complex:
-    """Return the responses (sources, n) at positions (n, 3)."""
+    """Return the complex responses (sources, n) of sources in m to scatterers at positions (n, 3).
+
+    ``to_world`` is the pose of the sources; by default, it is the pose in ``attrs``.
+    """
     pose = rigid_pose(np.reshape(attrs["to_world"], (4, 4)) if to_world is None else to_world)
     local = (positions - pose[:3, 3]) @ pose[:3, :3]
     front = local[:, 2] > 0.0
@@ -155,8 +158,11 @@ def _responses(
 
 
 def end_responses(cloud: Any, ends: Sequence[PlacedSource]) -> Complex:
-    """Return the responses (ends, scatterers) of placed sources or receivers."""
-    positions, _, attrs = _checked(cloud)
+    """Return the complex responses (ends, scatterers) of sources and receivers in m.
+
+    Each of the ``ends`` has its own pose, wavelength, obliquity and norm.
+    """
+    positions, _, attrs = _contents_of(cloud)
     rows = []
     for end in ends:
         settings = {"wavelength": end.wavelength, "obliquity": end.obliquity}
@@ -165,7 +171,8 @@ def end_responses(cloud: Any, ends: Sequence[PlacedSource]) -> Complex:
     return np.array(rows)
 
 
-def _checked(cloud: Any) -> tuple[Floats, Floats, dict[str, Any]]:
+def _contents_of(cloud: Any) -> tuple[Floats, Floats, dict[str, Any]]:
+    """Return positions (n, 3) in m, intensities in W/sr, and attributes of a cloud."""
     names = "wavelength", "obliquity", "to_world", "normalise"
     arrays = dict.fromkeys(("position", "intensity"), "")
     positions, intensity, *values = arrays_of(
@@ -174,7 +181,8 @@ def _checked(cloud: Any) -> tuple[Floats, Floats, dict[str, Any]]:
     return positions, intensity, dict(zip(names, values, strict=True))
 
 
-def _sources(elements: Any) -> list[Aperture]:
+def _checked_elements(elements: Any) -> list[Aperture]:
+    """Return the elements of an array as a list; raise ArgumentError for other objects."""
     if isinstance(elements, Array):
         return list(elements.elements_in_plane)
     parts = [elements] if isinstance(elements, Aperture) else elements
@@ -208,7 +216,7 @@ def write_scatterers(cloud: Any, path: str | os.PathLike[str]) -> None:
         If the library for NetCDF is not installed.
     """
     file = checked_path(path)
-    _checked(cloud)
+    _contents_of(cloud)
     if file.suffix.lower() == ".nc":
         write_netcdf(cloud, file)
         return

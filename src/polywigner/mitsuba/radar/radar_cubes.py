@@ -22,10 +22,10 @@ from polywigner.mitsuba.plugins.placement import PlacedSource
 from polywigner.mitsuba.plugins.registration import one_at_a_time
 from polywigner.mitsuba.radar.clouds import end_responses
 from polywigner.mitsuba.radar.scatterers import checked_velocities, scatterers
-from polywigner.mitsuba.receive.channels import amplitudes_of, paths_between
+from polywigner.mitsuba.receive.channels import paths_between
 from polywigner.mitsuba.receive.power_results import ReceiveOptions, described, noise_power_of
-from polywigner.mitsuba.receive.received_power import matched
-from polywigner.mitsuba.scenes.reflectors import Chain, Echo, Route, routes_in
+from polywigner.mitsuba.receive.received_power import matched_ends
+from polywigner.mitsuba.scenes.reflectors import Echo, Route, routes_in
 from polywigner.mitsuba.scenes.rendering import hide_emitters, polarised_by_default
 from polywigner.mitsuba.scenes.surfaces import receivers_of
 from polywigner.numerics import Complex, Floats
@@ -183,24 +183,24 @@ def radar_cube(
         seed=seed, reflections=reflections, coherent=True, polarisation=polarisation, bodies=bodies
     )
     with polarised_by_default(scene, options.polarisation):
-        radar = _radar(scene, options, checked_flag(elements, "elements"), wave, is_in_turn)
+        radar = _radar_of(scene, options, checked_flag(elements, "elements"), wave, is_in_turn)
     speeds = checked_velocities({} if velocities is None else velocities)
-    coherent, notes = _coherent(scene, radar, options, speeds)
+    coherent, notes = _coherent_links(scene, radar, options, speeds)
     clouds: list[_Cloud | None] = [None] * len(radar.receivers)
     if size:
         with with_progress("scattered fields", range(len(clouds))) as numbers:
-            for number in numbers:
-                clouds[number] = _cloud(scene, radar, number, size, rays, speeds, options)
+            clouds = [_cloud_of(scene, radar, k, size, rays, speeds, options) for k in numbers]
 
     def block(number: int, draw: int) -> Complex:
+        """Return the samples (1, element, emitter, chirp, sample) of a receiver in a draw."""
         return _samples(
             radar, coherent[number], clouds[number], with_noise, (options.seed, number, draw)
         )[None]
 
-    elements_of = [len(each) for each in radar.receivers]
+    elements_of = [len(elements) for elements in radar.receivers]
     shape = (len(radar.emitters), wave.chirps, wave.samples)
     if count * sum(elements_of) * math.prod(shape) * 16 > _MOST_BYTES:
-        signal = _lazy(block, elements_of, count, shape)
+        signal = _lazy_signal(block, elements_of, count, shape)
     else:
         signal = np.concatenate(
             [np.concatenate([block(k, d) for d in range(count)]) for k in range(len(elements_of))],
@@ -211,9 +211,14 @@ def radar_cube(
     return _dataset(signal, radar, about)
 
 
-def _lazy(
+def _lazy_signal(
     block: Callable[[int, int], Complex], elements: list[int], draws: int, shape: tuple[int, ...]
 ) -> Any:
+    """Return the signal as a dask array with one chunk for each draw and receiver.
+
+    ``block(receiver, draw)`` computes a chunk, and ``elements`` contains the numbers of elements of
+    the receivers.
+    """
     array = require("dask.array", "datasets", "cubes of more than 1 GiB are computed with")
     delayed = require("dask", "datasets").delayed(block, pure=False)
     rows = [
@@ -225,13 +230,17 @@ def _lazy(
     return array.concatenate(rows, axis=1)
 
 
-def _radar(
+def _radar_of(
     scene: Any, options: ReceiveOptions, by_element: bool, wave: FMCW, is_in_turn: bool
 ) -> _Radar:
-    parties = matched(scene, list(range(len(receivers_of(scene)))), options)
-    if not parties.emitters:
+    """Return the emitters, the receivers or their elements, and the start times of chirps.
+
+    Raises SceneError if a frequency is outside the band of the waveform.
+    """
+    emitters, receivers = matched_ends(scene, list(range(len(receivers_of(scene)))), options)
+    if not emitters:
         raise SceneError('the scene has no wigner emitter; add a <shape type="wigner">')
-    for end in (*parties.emitters, *parties.receivers):
+    for end in (*emitters, *receivers):
         frequency = SPEED_OF_LIGHT / end.wavelength
         first, last = wave.start * (1 - _ROUNDING), (wave.start + wave.bandwidth) * (1 + _ROUNDING)
         if not first <= frequency <= last:
@@ -239,22 +248,22 @@ def _radar(
                 f"the frequency of {end.name!r} must be in the band of the waveform, {first:.6g} "
                 f"to {last:.6g} Hz, got {frequency:.6g} Hz"
             )
-    receivers, powers = [], []
-    for receiver, noise in zip(parties.receivers, parties.noises, strict=True):
-        parts = [receiver]
+    elements, powers = [], []
+    for receiver in receivers:
+        parts, noise = [receiver], receiver.noise
         if by_element and isinstance(receiver.source, Array):
             parts = [
                 replace(receiver, source=element, name=f"{receiver.name}[{k}]")
                 for k, element in enumerate(receiver.source.elements_in_plane)
             ]
-        receivers.append(parts)
+        elements.append(parts)
         power = noise_power_of(wave.sample_rate, noise["temperature"], noise["noise_figure"])
         powers.append(math.nan if power is None else power)
-    cycles = len(parties.emitters) if is_in_turn else 1
-    starts = np.arange(len(parties.emitters)) * (wave.interval if is_in_turn else 0.0)
+    cycles = len(emitters) if is_in_turn else 1
+    starts = np.arange(len(emitters)) * (wave.interval if is_in_turn else 0.0)
     times = np.add.outer(starts, cycles * wave.interval * np.arange(wave.chirps + 1))
-    frequency = SPEED_OF_LIGHT / parties.emitters[0].wavelength
-    return _Radar(wave, parties.emitters, receivers, np.array(powers), times, frequency)
+    frequency = SPEED_OF_LIGHT / emitters[0].wavelength
+    return _Radar(wave, emitters, elements, np.array(powers), times, frequency)
 
 
 def _samples(
@@ -273,13 +282,13 @@ def _samples(
             for amplitude, rate in zip(link.amplitudes, link.rates, strict=True):
                 spectra[k, j] += amplitude * np.exp(2j * np.pi * rate * wave.frequencies * waits)
     if cloud is not None:
-        speckle = _normal(random, cloud.rates.shape)
+        speckle = _complex_normal(random, cloud.rates.shape)
         for j in range(len(radar.emitters)):
-            spectra[:, j] += _scattered(radar, cloud, speckle, j)
+            spectra[:, j] += _scattered_signal(radar, cloud, speckle, j)
     samples = wave.from_spectrum(spectra)
     power = radar.noise_power[seed[1]]
     if with_noise and math.isfinite(power):
-        samples = samples + math.sqrt(power) * _normal(random, samples.shape)
+        samples = samples + math.sqrt(power) * _complex_normal(random, samples.shape)
     return samples
 
 
@@ -290,25 +299,26 @@ class _Link(NamedTuple):
     """Rates of change of the delays in s/s, shape (path,)."""
 
 
-def _coherent(
+def _coherent_links(
     scene: Any, radar: _Radar, options: ReceiveOptions, speeds: Velocities
 ) -> tuple[list[list[list[_Link]]], list[str]]:
+    """Return the amplitudes of all coherent paths, and notes on excluded effects.
+
+    The links are nested lists by receiver, element and emitter.
+    """
     wave = radar.waveform
-    chains, echoes, notes = routes_in(
-        scene, radar.emitters[0].scene_unit, options.reflections, options.bodies
-    )
-    routes: list[Route] = [*chains, *echoes]
-    shortest = SPEED_OF_LIGHT / float(wave.frequencies.max())
+    unit = radar.emitters[0].scene_unit
+    routes, notes = routes_in(scene, unit, options.reflections, options.bodies)
 
     def link(emitter: PlacedSource, receiver: PlacedSource) -> _Link:
-        paths, of_link = paths_between(
-            scene, emitter, receiver, routes, options.polarisation, shortest
+        """Return the coherent paths from an emitter to an element."""
+        paths, h, of_link = paths_between(
+            scene, emitter, receiver, routes, options, wave.frequencies
         )
         # Elements of a receiver share their notes.
         if any(receiver is parts[0] for parts in radar.receivers):
             notes.extend(of_link)
-        h = amplitudes_of(paths, wave.frequencies, options.tolerance)
-        rates = [_rate_of(path.route, emitter, receiver, speeds) for path in paths]
+        rates = [_path_rate(path.route, emitter, receiver, speeds) for path in paths]
         return _Link(math.sqrt(emitter.power) * h.T, np.array(rates) / SPEED_OF_LIGHT)
 
     with hide_emitters(scene), with_progress("links", radar.receivers) as receivers:
@@ -316,48 +326,35 @@ def _coherent(
     return links, list(dict.fromkeys(notes))
 
 
-def _rate_of(
+def _path_rate(
     route: Route, emitter: PlacedSource, receiver: PlacedSource, speeds: Velocities
 ) -> float:
-    """Return the rate of change of the path length in m/s."""
+    """Return the rate in m/s at which the length of a path increases."""
     still = np.zeros(3)
-    emitted, received = (speeds.get(_owner(end.name), still) for end in (emitter, receiver))
-    if not isinstance(route, Echo):
-        image, velocity = _moving_image(emitter, emitted, route, speeds)
-        return _distance_rate(image, velocity, receiver.centre, received)
-    centre = route.body.facets.centre
-    motion = speeds.get(route.body.name, still)
-    legs = ((emitter, emitted, route.before), (receiver, received, route.after[::-1]))
-    return sum(
-        _distance_rate(*_moving_image(end, speed, chain, speeds), centre, motion)
-        for end, speed, chain in legs
-    )
+    if isinstance(route, Echo):
+        body, point = route.body.name, route.body.facets.centre
+        legs = [(emitter, route.before), (receiver, route.after[::-1])]
+    else:
+        body, point, legs = _receiver_id(receiver.name), receiver.centre, [(emitter, route)]
+    rate = 0.0
+    for end, chain in legs:
+        # Velocity of the end's mirror image relative to the body or the receiver.
+        velocity = speeds.get(_receiver_id(end.name), still)
+        for mirror in chain:
+            moved = velocity - speeds.get(mirror.name, still)
+            velocity = velocity - 2 * (moved @ mirror.normal) * mirror.normal
+        velocity = velocity - speeds.get(body, still)
+        offset = end.image(chain).centre - point
+        rate += float(offset @ velocity / np.linalg.norm(offset))
+    return rate
 
 
-def _owner(name: str) -> str:
+def _receiver_id(name: str) -> str:
     """Return the id of the receiver to which an element such as "rx[3]" belongs."""
     return name.partition("[")[0] if name.endswith("]") else name
 
 
-def _moving_image(
-    end: PlacedSource, velocity: Floats, chain: Chain, speeds: Velocities
-) -> tuple[Floats, Floats]:
-    """Return the position and the velocity of a mirror image in m and m/s."""
-    for mirror in chain:
-        moved = speeds.get(mirror.name, np.zeros(3))
-        velocity = velocity - 2 * ((velocity - moved) @ mirror.normal) * mirror.normal
-    return end.image(chain).centre, velocity
-
-
-def _distance_rate(
-    first: Floats, first_velocity: Floats, second: Floats, second_velocity: Floats
-) -> float:
-    """Return the rate of change of the distance between two points in m/s."""
-    offset = first - second
-    return float(offset @ (first_velocity - second_velocity) / np.linalg.norm(offset))
-
-
-def _cloud(
+def _cloud_of(
     scene: Any,
     radar: _Radar,
     number: int,
@@ -366,9 +363,9 @@ def _cloud(
     speeds: Velocities,
     options: ReceiveOptions,
 ) -> _Cloud | None:
-    """Return the scatterers of a receiver, or None if there are none."""
+    """Return the scatterers of a receiver with responses and delays, or None without scatterers."""
     receivers = radar.receivers[number]
-    others = {_owner(each[0].name) for each in radar.receivers if each is not receivers}
+    others = {_receiver_id(ends[0].name) for ends in radar.receivers if ends is not receivers}
     outside = others | {body.name for body in options.bodies}
     moving = {name: speed for name, speed in speeds.items() if name not in outside}
     cloud = scatterers(
@@ -376,8 +373,8 @@ def _cloud(
     )
     if not cloud.sizes["scatterer"]:
         return None
-    responses, excess = _receiving(cloud, receivers)
-    emitted, lengths = _sending(scene, cloud, radar.emitters)
+    responses, excess = _responses(cloud, receivers)
+    emitted, lengths = _emitted_amplitudes(scene, cloud, radar.emitters)
     near = np.isfinite(lengths).all(axis=0)
     rates, wave = cloud["path_rate"].values[near] / SPEED_OF_LIGHT, radar.waveform
     within = np.abs(rates).max(initial=0.0) * wave.bandwidth * wave.samples * wave.time_step
@@ -392,8 +389,12 @@ def _cloud(
     )  # fmt: skip
 
 
-def _receiving(cloud: xarray.Dataset, receivers: list[PlacedSource]) -> tuple[Complex, Floats]:
-    """Return the responses in m, and path lengths in m relative to their mean over elements."""
+def _responses(cloud: xarray.Dataset, receivers: list[PlacedSource]) -> tuple[Complex, Floats]:
+    """Return the responses of a receiver's elements to scatterers, and relative path lengths.
+
+    Both have the shape (element, scatterer) and are in m. Path lengths are relative to their mean
+    over the elements.
+    """
     power, intensity = cloud["power"].values, cloud["intensity"].values
     if min(power.min(), intensity.min()) < 0:
         raise SceneError(
@@ -404,11 +405,11 @@ def _receiving(cloud: xarray.Dataset, receivers: list[PlacedSource]) -> tuple[Co
         ratio = np.divide(power, intensity, out=np.zeros_like(power), where=intensity > 0)
         return np.sqrt(ratio)[None].astype(np.complex128), np.zeros((1, len(power)))
     position = cloud["position"].values
-    lengths = np.array([np.linalg.norm(position - each.centre, axis=1) for each in receivers])
+    lengths = np.array([np.linalg.norm(position - end.centre, axis=1) for end in receivers])
     return end_responses(cloud, receivers), lengths - lengths.mean(axis=0)
 
 
-def _sending(
+def _emitted_amplitudes(
     scene: Any, cloud: xarray.Dataset, emitters: list[PlacedSource]
 ) -> tuple[Complex, Floats]:
     """Return the square roots of scattered intensities, and path lengths in m, for each emitter.
@@ -431,7 +432,7 @@ def _sending(
         offset = emitter.centre - position
         distance = np.linalg.norm(offset, axis=1)
         incidence = np.maximum(np.sum(offset * normal, axis=1) / distance, 0.0)
-        visible = _in_view(scene, emitter, position, offset)
+        visible = _visible(scene, emitter, position, offset)
         field = end_responses(cloud.isel(scatterer=shared), [emitter])[0]
         fields.append(field * np.sqrt(emitter.power * incidence * visible))
         legs.append(distance)
@@ -444,7 +445,8 @@ def _sending(
     return amplitudes, lengths
 
 
-def _in_view(scene: Any, emitter: PlacedSource, position: Floats, offset: Floats) -> NDArray[Any]:
+def _visible(scene: Any, emitter: PlacedSource, position: Floats, offset: Floats) -> NDArray[Any]:
+    """Return whether rays from scatterers to an emitter meet no surface, shape (n,)."""
     unit = emitter.scene_unit
     steps = (offset * (1 - 2 * _RAY_OFFSET) / unit).astype(np.float32)
     start = ((position + _RAY_OFFSET * offset) / unit).astype(np.float32)
@@ -453,24 +455,24 @@ def _in_view(scene: Any, emitter: PlacedSource, position: Floats, offset: Floats
     return ~np.atleast_1d(np.array(scene.ray_test(ray)))
 
 
-def _scattered(radar: _Radar, cloud: _Cloud, speckle: Complex, emitter: int) -> Complex:
-    """Return the signal (element, chirp or 1, sample) of all scatterers, (RC1)."""
+def _scattered_signal(radar: _Radar, cloud: _Cloud, speckle: Complex, emitter: int) -> Complex:
+    """Return the signal (element, chirp or 1, sample) of a receiver from its scatterers, (RC1)."""
     signals = cloud.responses * (speckle * cloud.emitted[emitter])
     starts = radar.chirp_times[emitter, :-1]
     is_moving = cloud.rates != 0
-    still = _frame(radar, cloud, signals, emitter, ~is_moving, starts[:1])
+    still = _signal_of_repetitions(radar, cloud, signals, emitter, ~is_moving, starts[:1])
     if not is_moving.any():
         return still
     migration = np.abs(cloud.rates).max() * radar.waveform.bandwidth * np.ptp(starts)
     blocks = min(len(starts), math.ceil(migration / _MOST_CYCLES))
     moving = [
-        _frame(radar, cloud, signals, emitter, is_moving, block)
+        _signal_of_repetitions(radar, cloud, signals, emitter, is_moving, block)
         for block in np.array_split(starts, max(blocks, 1))
     ]
     return still + np.concatenate(moving, axis=1)
 
 
-def _frame(
+def _signal_of_repetitions(
     radar: _Radar,
     cloud: _Cloud,
     signals: Complex,
@@ -478,10 +480,11 @@ def _frame(
     chosen: NDArray[np.bool_],
     starts: Floats,
 ) -> Complex:
-    """Return the signal of the ``chosen`` scatterers for successive repetitions, (RC1).
+    """Return the signal (element, repetition, sample) of the ``chosen`` scatterers, (RC1).
 
-    The repetition m and the sample n are counted from the centre of the frame. A non-uniform FFT
-    sums waves with phases linear in m and n, and :func:`_series` expands two small phases:
+    ``starts`` are the start times of successive repetitions in s. The repetition m and the sample n
+    are counted from the centre of the frame. A non-uniform FFT sums waves with phases linear in m
+    and n, and a power series expands two small phases:
 
     - motion through range bins, r n df (m T + n dt), with the rate r of the delay, the frequency
       step df, the repetition time T and the time step dt
@@ -505,7 +508,7 @@ def _frame(
     motion = np.asarray(step * n * (radar.period * m[:, None] + wait * n), np.float64)
     offsets = wave.frequencies - radar.frequency
     result = np.zeros((len(waves), *motion.shape), np.complex128)
-    plan = _plan_of_sums(slopes, shape, len(waves))
+    plan = _nonuniform_fft(slopes, shape, len(waves))
     for terms, factor in _series(cloud.excess[:, chosen], offsets, _SUMS_ERROR):
         tolerance = _SUMS_ERROR / np.abs(terms).max(initial=1e-300) / np.abs(factor).max()
         for growths, by_sample in _series(rates, motion, tolerance):
@@ -514,8 +517,8 @@ def _frame(
     return result
 
 
-def _plan_of_sums(slopes: list[Floats], shape: list[int], count: int) -> Any:
-    """Return a non-uniform FFT from (count, points) to ``(count, *shape)``.
+def _nonuniform_fft(slopes: list[Floats], shape: list[int], count: int) -> Any:
+    """Return a plan that sums waves from (count, points) to ``(count, *shape)``.
 
     The phase of a wave is ``2 pi (slopes . numbers)``, where numbers start at ``-(size // 2)``.
     """
@@ -527,29 +530,30 @@ def _plan_of_sums(slopes: list[Floats], shape: list[int], count: int) -> Any:
 
 def _series(amounts: Floats, along: Floats, tolerance: float) -> Iterator[tuple[Complex, Floats]]:
     """Yield the power-series terms of ``exp(2 pi i amounts along)`` as pairs of factors."""
-    reach = float(np.abs(along).max()) or 1.0
-    phases = 2j * np.pi * amounts * reach
+    scale = float(np.abs(along).max()) or 1.0
+    phases = 2j * np.pi * amounts * scale
     largest = float(np.abs(phases).max(initial=0.0))
     terms, factor = np.ones_like(phases), np.ones_like(along)
     size, power = 1.0, 0
     while size > tolerance:
         yield terms, factor
         power += 1
-        terms, factor = terms * phases, factor * (along / reach / power)
+        terms, factor = terms * phases, factor * (along / scale / power)
         size *= largest / power
 
 
-def _normal(random: np.random.Generator, shape: tuple[int, ...]) -> Complex:
+def _complex_normal(random: np.random.Generator, shape: tuple[int, ...]) -> Complex:
     """Return circular Gaussian random numbers of variance 1."""
     pairs = random.standard_normal((*shape, 2)) * math.sqrt(0.5)
     return np.asarray(pairs.view(np.complex128)[..., 0])
 
 
 def _dataset(signal: Any, radar: _Radar, about: dict[str, Any]) -> xarray.Dataset:
-    ends = {"receiver": [end for each in radar.receivers for end in each]}
+    """Return the radar cube as a dataset, with the names and positions of both ends."""
+    ends = {"receiver": [end for elements in radar.receivers for end in elements]}
     ends["emitter"] = radar.emitters
-    noise = np.repeat(radar.noise_power, [len(each) for each in radar.receivers])
-    values: dict[str, tuple[Any, tuple[str, ...], str, str]] = {
+    noise = np.repeat(radar.noise_power, [len(elements) for elements in radar.receivers])
+    values: dict[str, Any] = {
         "noise_power": (noise, ("receiver",), "W", "noise power of a sample"),
         "start_time": (radar.chirp_times[:, 0], ("emitter",), "s", "start of the first repetition"),
     }

@@ -56,7 +56,10 @@ _COUNTERPARTS = {
 
 
 def require_transients(variant: str | None = None) -> ModuleType:
-    """Return mitransient, registered for the current variant."""
+    """Import mitransient for the current variant, and return it.
+
+    If ``variant`` is specified, it is set first. Raises EngineError for scalar variants.
+    """
     if variant is not None:
         mi.set_variant(variant)
     check_is_compiled("ranges")
@@ -86,6 +89,7 @@ def check_is_compiled(purpose: str) -> None:
 
 
 def is_transient(integrator: Any) -> bool:
+    """Return whether an integrator belongs to mitransient."""
     return type(integrator).__module__.startswith(f"{_NAME}.")
 
 
@@ -100,7 +104,7 @@ def transient_integrator(integrator: Any, scene: Any, sensor: Any) -> mi.Integra
                 "ranges require lights at finite distances, got a light at infinity "
                 f"({emitter.class_name()}); remove the light"
             )
-    counterpart = _counterpart(integrator)
+    counterpart = _with_path_lengths(integrator)
     if type(counterpart).__name__ != _PYTHON_CLASSES[1]:
         return counterpart
     # mitransient ignores fog around the sensor, and underestimates lengths in heterogeneous fog.
@@ -118,7 +122,8 @@ def transient_integrator(integrator: Any, scene: Any, sensor: Any) -> mi.Integra
     return counterpart
 
 
-def _counterpart(integrator: Any) -> mi.Integrator:
+def _with_path_lengths(integrator: Any) -> mi.Integrator:
+    """Return the integrator of mitransient for an integrator of Mitsuba or mitransient."""
     python_name = type(integrator).__name__
     if is_transient(integrator):
         if python_name not in _PYTHON_CLASSES:
@@ -161,16 +166,17 @@ def sorted_by_range(
     total: Any = 0.0
     for index in range(passes):
         samples = spp // passes + (index < spp % passes)
-        rendered = _rendered(scene, sensor, integrator, edges, samples, seed_of(seed, index))
+        rendered = _one_pass(scene, sensor, integrator, edges, samples, seed_of(seed, index))
         total = total + samples / spp * rendered
     return checked_finite(np.asarray(total), "range bins")
 
 
-def _rendered(
+def _one_pass(
     scene: Any, sensor: Any, integrator: Any, edges: Floats, spp: int, seed: int
 ) -> Floats:
+    """Render all samples at once; return the values of `sorted_by_range`."""
     factor = fineness(sensor, spp)
-    ranged = _ranged(sensor, edges, factor)
+    ranged = _range_sensor(sensor, edges, factor)
     try:
         with rendering_errors(type(integrator).__name__), scene_known(scene):
             samples = accepted_samples(ranged.sampler(), math.ceil(spp / factor**2))
@@ -183,10 +189,10 @@ def _rendered(
     return sums
 
 
-def _ranged(sensor: Any, edges: Floats, factor: int) -> RangeSensor:
+def _range_sensor(sensor: Any, edges: Floats, factor: int) -> RangeSensor:
     """Return a sensor with the rays of ``sensor`` and a refined film that sorts by range."""
     size, window, offset = film_sizes(sensor, factor)
-    check_sums(window, edges)
+    check_bin_count(window, edges)
     about = mi.Properties("range_film")
     for name, pair in (("", size), ("crop_", window)):
         about[f"{name}width"], about[f"{name}height"] = pair
@@ -199,7 +205,8 @@ def _ranged(sensor: Any, edges: Floats, factor: int) -> RangeSensor:
     return variant_class(RangeSensor, "Sensor", mi.variant())(sensor, ranged_film, props)
 
 
-def check_sums(size: Sequence[int], edges: Floats) -> None:
+def check_bin_count(size: Sequence[int], edges: Floats) -> None:
+    """Raise ArgumentError if the pixels of a film have too many range bins in total."""
     count = int(size[0]) * int(size[1]) * (len(edges) + 1)
     if count > _MOST_SUMS:
         raise ArgumentError(
@@ -223,6 +230,7 @@ class RangeFilm(VariantPlugin):
         """Distance from the sensor to the starts of rays, in scene units."""
 
     def prepare_transient_(self, aovs: Any) -> int:
+        """Set all sums to zero, for mitransient."""
         size = self.crop_size()
         self._shape = (int(size[1]), int(size[0]), self._count + 1)
         self._sums = dr.zeros(self.m.Float64, int(np.prod(self._shape)))
@@ -238,6 +246,7 @@ class RangeFilm(VariantPlugin):
         active: Drjit,
         **_: Any,
     ) -> None:
+        """Add the power of paths to the bins of their pixels and lengths, for mitransient."""
         m, length = self.m, distance + self.start_distance
         passed = dr.binary_search(
             0, self._count, lambda k: dr.gather(m.Float, self._edges, k) <= length
@@ -250,14 +259,16 @@ class RangeFilm(VariantPlugin):
         dr.scatter_reduce(dr.ReduceOp.Add, self._sums, value, index, active)
 
     def develop(self, raw: bool = False) -> tuple[None, Drjit]:
+        """Return no image and the flat array of all sums, for mitransient."""
         return None, self._sums
 
     def sums(self) -> Floats:
-        """Return the power (height, width, bins + 2)."""
+        """Return the power by pixel and path length, shape (height, width, bins + 2)."""
         return np.array(self._sums, dtype=np.float64).reshape(self._shape)
 
 
 def _luminance(m: Any, value: Drjit, wavelengths: Drjit) -> Drjit:
+    """Return the luminance of a spectrum."""
     plain = m.unpolarized_spectrum(value)
     if mi.is_monochromatic:
         return plain.x
@@ -279,6 +290,7 @@ class RangeSensor(VariantPlugin):
     def sample_ray_differential(
         self, time: Drjit, sample1: Drjit, sample2: Drjit, sample3: Drjit, active: Drjit = True
     ) -> tuple[mi.RayDifferential3f, Drjit]:
+        """Return a random ray of the original sensor and its weight, for Mitsuba."""
         ray, weight = self._sensor.sample_ray_differential(time, sample1, sample2, sample3, active)
         self._film.start_distance = self._start_distance(ray)
         if is_receiver(self._sensor) and self.m.is_polarized:
@@ -295,10 +307,10 @@ class RangeSensor(VariantPlugin):
     def _start_distance(self, ray: mi.Ray3f) -> Drjit:
         """Return the distance from the sensor to the start of a ray.
 
-        This is the near-clip distance of a camera, or the lift-off distance of a receiver.
+        This is the near-clip distance of a camera, or the ray_offset-off distance of a receiver.
         """
         if is_receiver(self._sensor):
-            return dr.dot(self._sensor.lift, ray.d)
+            return dr.dot(self._sensor.ray_offset, ray.d)
         if self._sensor.class_name() not in CAMERAS:
             return 0.0
         centre = self._sensor.world_transform().translation()

@@ -14,10 +14,10 @@ import numpy.typing as npt
 from polywigner.errors import ArgumentError
 from polywigner.execution.progress import with_progress
 from polywigner.geometry.arguments import checked_callable, real_array
-from polywigner.mitsuba.plugins.films import check_seed, check_spp, seed_of
+from polywigner.mitsuba.plugins.films import seed_of
 from polywigner.mitsuba.plugins.registration import one_at_a_time
 from polywigner.mitsuba.radar.range_film import (
-    check_sums,
+    check_bin_count,
     require_transients,
     sorted_by_range,
     transient_integrator,
@@ -26,18 +26,19 @@ from polywigner.mitsuba.receive.power_results import (
     DirectPath,
     ReceivedPower,
     ReceiveOptions,
+    Variables,
     described,
 )
 from polywigner.mitsuba.receive.received_power import (
     Progress,
     Received,
     Sampled,
-    chosen,
+    index_of,
     received,
     scattered_here,
 )
 from polywigner.mitsuba.receive.scattered import by_source, standard_error
-from polywigner.mitsuba.scenes.rendering import default_spp, exposed
+from polywigner.mitsuba.scenes.rendering import exposed
 from polywigner.mitsuba.scenes.surfaces import is_receiver, receivers_of, wigner_emitters
 from polywigner.numerics import Floats
 from polywigner.quantities import SPEED_OF_LIGHT
@@ -149,7 +150,7 @@ def range_profile(
     waves = coherent, polarisation, bodies
     options = ReceiveOptions(spp, seed, integrator, reflections, tolerance, *noise, *waves)
     receivers = receivers_of(scene)
-    numbers = list(range(len(receivers))) if receiver is None else [chosen(receivers, receiver)]
+    numbers = list(range(len(receivers))) if receiver is None else [index_of(receivers, receiver)]
     sample = partial(scattered_here, scene, progress)
     return received_by_range(scene, numbers, options, edges, sample)[1]
 
@@ -182,13 +183,14 @@ def checked_ranges(ranges: npt.ArrayLike) -> Floats:
 
 
 def _profile_of(scene: Any, result: Received, edges: Floats) -> xarray.Dataset:
+    """Return the received power by range as a dataset."""
     powers, placed, batches = result
     names = [part.name for part in powers[0].contributions]
     pairs = [by_source(scene, of_receiver) for of_receiver in batches]
     by_light = np.array([[*of_sources, others][: len(names)] for of_sources, others in pairs])
     lights = [[part.paths for part in power.contributions] for power in powers]
-    direct = np.array([[_direct_of(paths, edges) for paths in row] for row in lights])
-    values = _bins_of(by_light, direct) | _noise_of(powers)
+    direct = np.array([[_direct_power_by_range(paths, edges) for paths in row] for row in lights])
+    values = _power_variables(by_light, direct) | _noise_variables(powers)
     labels, paths = _paths_of(lights)
     coords = {**range_axes(edges), "emitter": labelled_array(np.array(names), ("emitter",))}
     receivers = [receiver.name for receiver in placed]
@@ -209,7 +211,7 @@ def _profile_of(scene: Any, result: Received, edges: Floats) -> xarray.Dataset:
     return described(values | {"mirrors": (labels, ("path",), "", meaning)}, coords, about)
 
 
-def _direct_of(paths: Sequence[DirectPath], edges: Floats) -> Floats:
+def _direct_power_by_range(paths: Sequence[DirectPath], edges: Floats) -> Floats:
     """Return the direct power by range in W, shape (bins + 2,).
 
     The first and last values belong to ranges below and above all bins. The amplitudes of
@@ -225,47 +227,38 @@ def _direct_of(paths: Sequence[DirectPath], edges: Floats) -> Floats:
     return np.asarray(result + np.abs(waves) ** 2)
 
 
-Values = dict[str, tuple[Any, tuple[str, ...], str, str]]
-
-
-def _bins_of(by_light: Floats, direct: Floats) -> Values:
+def _power_variables(by_light: Floats, direct: Floats) -> Variables:
     """Return the variables that contain power by range.
 
     ``by_light`` is the scattered power (receivers, lights, batches, values), and ``direct`` is the
     direct power (receivers, lights, values), both in W.
     """
-    each = by_light.sum(axis=1)
-    scattered, error = each.mean(axis=1), standard_error(each, axis=1)
-    of_direct, all_bins = direct.sum(axis=1), each.sum(axis=-1)
-    total = of_direct + scattered
-    of_light = direct + by_light.mean(axis=2)
-    bins, everywhere = ("range",), "from all ranges"
-    rows: list[tuple[str, Any, tuple[str, ...], str]] = [
-        ("power", total[:, 1:-1], bins, "power of a bin"),
-        ("standard_error", error[:, 1:-1], bins, "standard error of the power"),
-        (
-            "direct_power",
-            of_direct[:, 1:-1],
-            bins,
-            "power of a bin, line of sight and via flat mirrors",
-        ),
-        ("scattered_power", scattered[:, 1:-1], bins, "scattered power of a bin"),
-        ("emitter_power", of_light[..., 1:-1], ("emitter", *bins), "power of one emitter"),
-        ("before", total[:, 0], (), "power from nearer than all bins"),
-        ("after", total[:, -1], (), "power from farther than all bins"),
-        ("direct", of_direct.sum(axis=1), (), f"direct power {everywhere}"),
-        ("scattered", all_bins.mean(axis=1), (), f"scattered power {everywhere}"),
-        (
-            "scattered_error",
-            standard_error(all_bins, axis=1),
-            (),
-            f"standard error of the scattered power {everywhere}",
-        ),
-    ]
-    return {name: (array, dims, "W", meaning) for name, array, dims, meaning in rows}
+    batches = by_light.sum(axis=1)
+    scattered, of_direct = batches.mean(axis=1), direct.sum(axis=1)
+    total, of_light = of_direct + scattered, direct + by_light.mean(axis=2)
+    by_range = {
+        "power": (total, "power of a bin"),
+        "standard_error": (standard_error(batches, axis=1), "standard error of the power"),
+        "direct_power": (of_direct, "power of a bin, line of sight and via flat mirrors"),
+        "scattered_power": (scattered, "scattered power of a bin"),
+    }
+    error = standard_error(batches.sum(axis=-1), axis=1)
+    sums = {
+        "before": (total[:, 0], "power from nearer than all bins"),
+        "after": (total[:, -1], "power from farther than all bins"),
+        "direct": (of_direct.sum(axis=1), "direct power from all ranges"),
+        "scattered": (scattered.sum(axis=1), "scattered power from all ranges"),
+        "scattered_error": (error, "standard error of the scattered power from all ranges"),
+    }
+    return {
+        **{name: (a[:, 1:-1], ("range",), "W", text) for name, (a, text) in by_range.items()},
+        "emitter_power": (of_light[..., 1:-1], ("emitter", "range"), "W", "power of one emitter"),
+        **{name: (a, (), "W", text) for name, (a, text) in sums.items()},
+    }
 
 
-def _noise_of(powers: list[ReceivedPower]) -> Values:
+def _noise_variables(powers: list[ReceivedPower]) -> Variables:
+    """Return the noise power and the range resolution of each receiver as variables."""
     bands = [power.bandwidth for power in powers]
     noise = [power.noise_power for power in powers]
     resolution = [None if b is None else SPEED_OF_LIGHT / (2 * b) for b in bands]
@@ -276,7 +269,8 @@ def _noise_of(powers: list[ReceivedPower]) -> Values:
     }
 
 
-def _paths_of(links: list[list[tuple[DirectPath, ...]]]) -> tuple[npt.NDArray[np.str_], Values]:
+def _paths_of(links: list[list[tuple[DirectPath, ...]]]) -> tuple[npt.NDArray[np.str_], Variables]:
+    """Return the labels of all direct paths, and their powers and ranges as variables."""
     labels: dict[str, int] = {}
     entries = []
     for (i, lights), j in product(enumerate(links), range(len(links[0]))):
@@ -295,6 +289,7 @@ def _paths_of(links: list[list[tuple[DirectPath, ...]]]) -> tuple[npt.NDArray[np
 
 
 def range_axes(edges: Floats) -> dict[str, xarray.Variable]:
+    """Return the centres and the edges of range bins in m as coordinates of a dataset."""
     length = {"units": "m", "long_name": "range, half the length of the path"}
     return {
         "range": labelled_array((edges[1:] + edges[:-1]) / 2, ("range",), length),
@@ -359,27 +354,26 @@ def range_frames(
     """
     edges = checked_ranges(ranges)
     require_transients()
-    entropy = check_seed(seed)
-    exposure = exposed(scene, integrator, 1, 0, sensor)
-    camera = exposure.camera
+    exposure = exposed(scene, integrator, spp, seed, sensor)
+    camera, total = exposure.camera, exposure.cut.samples
     if is_receiver(camera):
         raise ArgumentError(
             f"expected a camera, but sensor {sensor} is a receiver; use range_profile for receivers"
         )
-    total = check_spp(default_spp(scene, sensor) if spp is None else spp)
     method = transient_integrator(exposure.integrator, scene, camera)
     units = {emitter.spec.scene_unit for emitter in wigner_emitters(scene)} or {1.0}
     if len(units) > 1:
         raise ArgumentError(f"all sources must have the same scene_unit, got {sorted(units)} m")
     lengths = 2.0 * edges / units.pop()
-    check_sums(camera.film().crop_size(), edges)
+    check_bin_count(camera.film().crop_size(), edges)
     parts = min(_PARTS, total)
     checked_callable(progress, "progress")
     sums: Any = 0.0
     with with_progress("renders", range(parts)) as numbers:
         for part in numbers:
             samples = total // parts + (part < total % parts)
-            image = sorted_by_range(scene, camera, method, lengths, samples, seed_of(entropy, part))
+            seed_of_part = seed_of(exposure.seed, part)
+            image = sorted_by_range(scene, camera, method, lengths, samples, seed_of_part)
             sums = sums + samples / total * image
             if progress is not None:
                 progress(part + 1, parts)
@@ -390,4 +384,4 @@ def range_frames(
         "before": (sums[..., 0], pixels, unit, "radiance from nearer than all bins"),
         "after": (sums[..., -1], pixels, unit, "radiance from farther than all bins"),
     }
-    return described(values, range_axes(edges), {"samples": total, "seed": entropy})
+    return described(values, range_axes(edges), {"samples": total, "seed": exposure.seed})

@@ -16,14 +16,14 @@ from polywigner.errors import ArgumentError, SceneError
 from polywigner.geometry.arguments import checked_count, finite_array
 from polywigner.mitsuba.plugins.diffraction import scene_known
 from polywigner.mitsuba.plugins.films import checked_finite, depths_of
-from polywigner.mitsuba.plugins.placement import placed_emitter
+from polywigner.mitsuba.plugins.placement import placed_emitters
 from polywigner.mitsuba.plugins.polariser import polarisation_summary
 from polywigner.mitsuba.plugins.registration import one_at_a_time
 from polywigner.mitsuba.radar.range_film import check_is_compiled
-from polywigner.mitsuba.receive.power_results import ReceiveOptions, described
+from polywigner.mitsuba.receive.power_results import ReceiveOptions, Variables, described
 from polywigner.mitsuba.receive.ray_transmission import joined, point_batches
-from polywigner.mitsuba.receive.received_power import chosen, matched
-from polywigner.mitsuba.receive.scattered import BATCHES, aimed
+from polywigner.mitsuba.receive.received_power import index_of, matched_ends
+from polywigner.mitsuba.receive.scattered import BATCHES, aimed, standard_error
 from polywigner.mitsuba.receive.scattering_steps import Events, Motion, Paths, events_of
 from polywigner.mitsuba.receive.specular_paths import even_points
 from polywigner.mitsuba.scenes.rendering import hide_emitters
@@ -48,66 +48,53 @@ if TYPE_CHECKING:
 _WAVEFRONT = 2**17
 
 
-@dataclass(frozen=True, eq=False)
-class Cloud:
-    """Scattering events on paths to a receiver."""
+def _selected_events(
+    events: Events, count: int, rng: np.random.Generator, for_elements: bool
+) -> tuple[Events, float]:
+    """Select at most ``count`` events at random, with unbiased sums of powers and intensities.
 
-    events: Events
-    power: Floats
-    """Power of each event in W."""
-    intensity: Floats
-    """Radiant intensity towards the receiver in W/sr."""
-    standard_error: float
-    """Standard error of the sum of all powers in W."""
-
-    def thinned(self, count: int, rng: np.random.Generator, for_elements: bool) -> Cloud:
-        """Select at most ``count`` events at random, with unbiased sums.
-
-        Probabilities are proportional to the power. With ``for_elements``, they are proportional to
-        the mean of the relative power and the relative intensity, so that the nulls of an array do
-        not depend on a few events. Systematic sampling in order of path length preserves the
-        distribution of path lengths. Source: W. G. Madow, Ann. Math. Stat. 20 (1949) 333.
-        """
-        if len(self.power) <= count:
-            return self
-        measure = np.abs(self.power) / np.abs(self.power).sum()
-        if for_elements:
-            measure += np.abs(self.intensity) / np.abs(self.intensity).sum()
-        probabilities = _probabilities(measure, count)
-        order = np.argsort(self.events.length, kind="stable")
-        steps = np.floor(np.cumsum(probabilities[order]) + rng.random())
-        selected = np.sort(order[np.diff(steps, prepend=0.0) > 0])
-        chance = probabilities[selected]
-        power, intensity = self.power[selected] / chance, self.intensity[selected] / chance
-        error = math.hypot(self.standard_error, _thinning_error(power, chance))
-        return Cloud(self.events[selected], power, intensity, error)
+    Return the events, and the standard error of their total power in W due to the selection.
+    Probabilities are proportional to the power. With ``for_elements``, they are proportional to the
+    mean of the relative power and the relative intensity, so that the nulls of an array do not
+    depend on a few events. Systematic sampling in order of path length preserves the distribution
+    of path lengths. Source: W. G. Madow, Ann. Math. Stat. 20 (1949) 333.
+    """
+    if len(events) <= count:
+        return events, 0.0
+    measure = np.abs(events.power) / np.abs(events.power).sum()
+    if for_elements:
+        measure += np.abs(events.intensity) / np.abs(events.intensity).sum()
+    probabilities = _probabilities(measure, count)
+    order = np.argsort(events.length, kind="stable")
+    steps = np.floor(np.cumsum(probabilities[order]) + rng.random())
+    selected = np.sort(order[np.diff(steps, prepend=0.0) > 0])
+    chance, events = probabilities[selected], events[selected]
+    events.power /= chance
+    events.intensity /= chance
+    return events, _thinning_error(events.power, chance)
 
 
-def cloud_of(
-    scene: Any,
-    sensor: Any,
-    count: int,
-    depth: int,
-    rng: np.random.Generator,
-    motion: Motion | None,
-) -> Cloud:
-    """Trace at least ``count`` rays from a receiver, with hidden sources."""
-    size = -(-count // BATCHES)
-    parts = [_batch(scene, sensor, size, depth, rng, motion) for _ in range(BATCHES)]
-    sums = [float(power.sum()) for _, power, _ in parts]
-    events, power, intensity = zip(*parts, strict=True)
-    return Cloud(
-        np.concatenate(events).view(np.recarray),
-        np.concatenate(power) / BATCHES,
-        np.concatenate(intensity) / BATCHES,
-        float(np.std(sums, ddof=1) / math.sqrt(BATCHES)),
-    )
-
-
-def _batch(
+def _all_events(
     scene: Any, sensor: Any, count: int, depth: int, rng: np.random.Generator, motion: Motion | None
-) -> tuple[Events, Floats, Floats]:
-    """Return the events of a batch, with powers and intensities whose sums are unbiased."""
+) -> tuple[Events, float]:
+    """Trace at least ``count`` rays from a receiver; the sources of the scene must be hidden.
+
+    Return all scattering events with powers in W and radiant intensities in W/sr, and the standard
+    error of their total power. ``depth`` is the maximum path depth.
+    """
+    size = -(-count // BATCHES)
+    batches = [_events_of_batch(scene, sensor, size, depth, rng, motion) for _ in range(BATCHES)]
+    error = standard_error(np.array([batch["power"].sum() for batch in batches]))
+    events = np.concatenate(batches).view(np.recarray)
+    events.power /= BATCHES
+    events.intensity /= BATCHES
+    return events, float(error)
+
+
+def _events_of_batch(
+    scene: Any, sensor: Any, count: int, depth: int, rng: np.random.Generator, motion: Motion | None
+) -> Events:
+    """Trace ``count`` rays, and return the events with their powers and intensities."""
     meets_lights = len(wigner_emitters(scene)) < len(scene.emitters())
     unit = sensor.spec.scene_unit
     # The unused seventh dimension ensures that existing seeds still produce the same clouds.
@@ -116,18 +103,22 @@ def _batch(
     parts = []
     for start in range(0, count, _WAVEFRONT):
         numbers = draws[start : start + _WAVEFRONT]
-        paths, watts, solid_angle = _paths(sensor, numbers)
+        paths, watts, solid_angle = _random_paths(sensor, numbers)
         for events in events_of(scene, paths, rng, numbers[:, 4:], depth - 1, meets_lights, motion):
-            value = events.radiance * (solid_angle / count)[events.ray]
-            power = value * watts[events.ray]
-            checked_finite(power, "scattered powers")
-            parts.append((events, power, value * (unit * events.distance) ** 2))
-    events, power, intensity = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return events.view(np.recarray), power, intensity
+            irradiance = events.radiance * (solid_angle / count)[events.ray]
+            events.power = irradiance * watts[events.ray]
+            events.intensity = irradiance * (unit * events.distance) ** 2
+            checked_finite(events.power, "scattered powers")
+            parts.append(events)
+    return np.concatenate(parts)
 
 
-def _paths(sensor: Any, draws: Floats) -> tuple[Paths, Floats, Floats]:
-    """Return random paths, weights and solid angles; radiance x weight x solid angle is in W."""
+def _random_paths(sensor: Any, draws: Floats) -> tuple[Paths, Floats, Floats]:
+    """Return random paths from a receiver, and their weights and solid angles.
+
+    A radiance times the weight and the solid angle is a power in W. ``draws`` (n, 6) are uniform
+    random numbers for the direction, the position and the wavelengths.
+    """
     ((direction, position, others),) = point_batches(draws[:, :2], draws[:, 2:4], draws[:, 4:])
     angles, density = sensor.directions.sample(direction)
     ray, watts, weight = sensor.ray_along(angles, 0.0, others.x, position)
@@ -257,10 +248,9 @@ def scatterers(
     options = ReceiveOptions(seed=seed)
     rng = np.random.default_rng(options.seed)
     receivers = receivers_of(scene)
-    number = chosen(receivers, receiver)
+    number = index_of(receivers, receiver)
     sensor = receivers[number][1]
-    parties = matched(scene, [number], options)
-    (placed,) = parties.receivers
+    emitters, (placed,) = matched_ends(scene, [number], options)
     if sensor.spec.has_several:
         raise SceneError(
             "scatterers require the same polarisation for all elements of a receiver; set a "
@@ -273,10 +263,10 @@ def scatterers(
         )
     names = _Names.of(scene, placed.name)
     motion = None if velocities is None else names.motion(velocities, placed.scene_unit)
-    depth = _longest_path(scene.integrator()) if depth is None else depth
+    depth = _depth_of(scene.integrator()) if depth is None else depth
     with hide_emitters(scene), aimed(scene), scene_known(scene):
-        cloud = cloud_of(scene, sensor, launched, depth, rng, motion)
-    cloud = cloud.thinned(size, rng, isinstance(placed.source, Array))
+        events, error = _all_events(scene, sensor, launched, depth, rng, motion)
+    events, added_error = _selected_events(events, size, rng, isinstance(placed.source, Array))
     about = {
         "receiver": placed.name,
         "wavelength": placed.wavelength,
@@ -284,13 +274,13 @@ def scatterers(
         "to_world": placed.pose.ravel().tolist(),
         "obliquity": placed.obliquity,
         "normalise": sensor.spec.normalise,
-        "polarisation": polarisation_summary([*parties.emitters, placed], False),
+        "polarisation": polarisation_summary([*emitters, placed], False),
         "estimator": sensor.spec.estimator,
         "rays": -(-launched // BATCHES) * BATCHES,
         "seed": options.seed,
-        "standard_error": cloud.standard_error,
+        "standard_error": math.hypot(error, added_error),
     }
-    return _described(cloud, names, motion, placed.scene_unit, about)
+    return _dataset_of(events, names, motion, placed.scene_unit, about)
 
 
 @dataclass(frozen=True)
@@ -303,19 +293,19 @@ class _Names:
 
     @classmethod
     def of(cls, scene: Any, receiver: str) -> _Names:
+        """Return the ids of all shapes and lights of a scene, with numbers for missing ids."""
         shapes = {
-            _number("Shape", shape): shape.id() or f"shape {k}"
+            _registry_number("Shape", shape): shape.id() or f"shape {k}"
             for k, shape in enumerate(sorted_shapes(scene))
         }
-        lights, coherent = {}, 0
+        lights, sources = {}, iter(placed_emitters(scene))
         for k, light in enumerate(sorted_emitters(scene)):
             name = light.id() or f"light {k}"
             if is_source(light):
-                name = placed_emitter(light, coherent).name
-                coherent += 1
+                name = next(sources).name
             elif light.get_shape() is not None:
                 name = light.get_shape().id() or name
-            lights[_number("Emitter", light)] = name
+            lights[_registry_number("Emitter", light)] = name
         return cls(shapes, lights, receiver)
 
     def motion(self, velocities: Mapping[str, ArrayLike], unit: float) -> Motion:
@@ -336,7 +326,8 @@ class _Names:
         )
 
 
-def _number(kind: str, thing: Any) -> int:
+def _registry_number(kind: str, thing: Any) -> int:
+    """Return the registry number of a "Shape" or an "Emitter" as an integer."""
     return int(np.ravel(np.array(number_of(kind, thing)))[0])
 
 
@@ -358,17 +349,19 @@ def checked_velocities(velocities: Mapping[str, ArrayLike]) -> dict[str, Floats]
     return checked
 
 
-def _longest_path(integrator: Any) -> int:
+def _depth_of(integrator: Any) -> int:
+    """Return the maximum path depth of a scene's integrator."""
     depth = -1 if integrator is None else depths_of(integrator)["max_depth"]
     return depth if 0 < depth < _NO_LIMIT else _NO_LIMIT
 
 
-def _described(
-    cloud: Cloud, names: _Names, motion: Motion | None, unit: float, about: dict[str, Any]
+def _dataset_of(
+    events: Events, names: _Names, motion: Motion | None, unit: float, about: dict[str, Any]
 ) -> xarray.Dataset:
-    events, along, in_space = cloud.events, ("scatterer",), ("scatterer", "axis")
-    shapes, lights = _named(names.shapes, events.first_shape), _named(names.lights, events.light)
-    values: dict[str, tuple[Any, tuple[str, ...], str, str]] = {
+    """Return events as a cloud of scatterers, with lengths in m; ``unit`` is the scene unit."""
+    along, in_space = ("scatterer",), ("scatterer", "axis")
+    shapes, lights = _ids(names.shapes, events.first_shape), _ids(names.lights, events.light)
+    values: Variables = {
         "position": (unit * events.position, in_space, "m", "position on the first surface"),
         "normal": (events.normal, in_space, "1", "normal of the first surface"),
     }
@@ -378,8 +371,8 @@ def _described(
             speeds[events.first_shape == number] = unit * velocity
         values["velocity"] = (speeds, in_space, "m/s", "velocity of the first surface")
     values |= {
-        "power": (cloud.power, along, "W", "power towards the receiver"),
-        "intensity": (cloud.intensity, along, "W/sr", "radiant intensity towards the receiver"),
+        "power": (events.power, along, "W", "power towards the receiver"),
+        "intensity": (events.intensity, along, "W/sr", "radiant intensity towards the receiver"),
         "path_length": (unit * events.length, along, "m", "path from emitter to receiver"),
         "bounces": (events.bounces, along, "1", "surfaces on the path"),
         "shape": (shapes, along, "", "id of the first surface"),
@@ -391,7 +384,8 @@ def _described(
     return described(values, axes, about)
 
 
-def _named(names: dict[int, str], numbers: NDArray[np.int64]) -> NDArray[np.str_]:
+def _ids(names: dict[int, str], numbers: NDArray[np.int64]) -> NDArray[np.str_]:
+    """Return the ids of objects with registry numbers; unknown numbers have empty ids."""
     unique, inverse = np.unique(numbers, return_inverse=True)
     texts = np.array([names.get(int(n), "") for n in unique] or [""], np.str_)
     return np.asarray(texts[inverse.reshape(numbers.shape)])

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
 
-from polywigner.errors import ArgumentError, PolywignerError, SceneError
+from polywigner.errors import ArgumentError, SceneError
 from polywigner.execution.progress import with_progress
 from polywigner.geometry.arguments import checked_callable, checked_row
 from polywigner.mitsuba.plugins.mixtures import norm_of
@@ -29,11 +29,11 @@ from polywigner.mitsuba.plugins.placement import (
     check_obliquity,
     check_unit,
     facing_parts,
-    placed_emitter,
+    placed_emitters,
     placed_receiver,
 )
 from polywigner.mitsuba.plugins.polariser import DEFAULT_POLARISATION, polarisation_summary
-from polywigner.mitsuba.plugins.registration import one_at_a_time
+from polywigner.mitsuba.plugins.registration import one_at_a_time, scene_errors
 from polywigner.mitsuba.receive.power_results import ReceiveOptions, described
 from polywigner.mitsuba.receive.specular_paths import (
     CentralPath,
@@ -54,7 +54,7 @@ from polywigner.mitsuba.scenes.reflectors import (
     routes_in,
 )
 from polywigner.mitsuba.scenes.rendering import hide_emitters, polarised_by_default
-from polywigner.mitsuba.scenes.surfaces import receivers_of, wigner_emitters
+from polywigner.mitsuba.scenes.surfaces import receivers_of
 from polywigner.numerics import Complex, Floats
 from polywigner.quantities import SPEED_OF_LIGHT, parse_frequency, wavelength_of
 from polywigner.reception import coupling
@@ -139,31 +139,27 @@ def channel(
     requested = None if frequencies is None else checked_frequencies(frequencies)
     waves: dict[str, Any] = {"polarisation": polarisation, "bodies": bodies}
     options = ReceiveOptions(reflections=reflections, tolerance=tolerance, coherent=True, **waves)
-    jones, count = options.polarisation, options.reflections
-    with polarised_by_default(scene, jones):
-        receivers = [
-            placed_receiver(s, n).touching(scene) for n, (_, s) in enumerate(receivers_of(scene))
-        ]
-        emitters = [
-            placed_emitter(e, n).touching(scene) for n, e in enumerate(wigner_emitters(scene))
-        ]
+    with polarised_by_default(scene, options.polarisation):
+        sensors = [sensor for _, sensor in receivers_of(scene)]
+        receivers = [placed_receiver(scene, s, n) for n, s in enumerate(sensors)]
+        emitters = placed_emitters(scene)
     if not emitters:
         raise SceneError('the scene has no wigner emitter; add a <shape type="wigner">')
     if requested is None:
         requested = np.unique([SPEED_OF_LIGHT / emitter.wavelength for emitter in emitters])
-    chains, echoes, notes = routes_in(scene, receivers[0].scene_unit, count, options.bodies)
-    routes: list[Route] = [*chains, *echoes]
+    unit = receivers[0].scene_unit
+    routes, notes = routes_in(scene, unit, options.reflections, options.bodies)
+    checked_callable(progress, "progress")
     pairs = list(product(receivers, emitters))
     links = []
     with hide_emitters(scene), with_progress("links", pairs) as pairs_in_turn:
         for number, (receiver, emitter) in enumerate(pairs_in_turn, 1):
-            shortest = SPEED_OF_LIGHT / requested.max()
-            paths, of_link = paths_between(scene, emitter, receiver, routes, jones, shortest)
-            links.append((paths, amplitudes_of(paths, requested, options.tolerance)))
+            paths, h, of_link = paths_between(scene, emitter, receiver, routes, options, requested)
+            links.append((paths, h))
             notes = of_link + notes
             if progress is not None:
-                checked_callable(progress, "progress")(number, len(pairs))
-    summary = polarisation_summary([*emitters, *receivers], True, jones)
+                progress(number, len(pairs))
+    summary = polarisation_summary([*emitters, *receivers], True, options.polarisation)
     return _dataset(requested, receivers, emitters, routes, links, notes, summary)
 
 
@@ -213,8 +209,11 @@ class NormalisedSource:
     is_polarised: bool = True
     """Whether the scene or the caller specifies a polarisation."""
 
-    def root(self, part: PlacedSource, is_complete: bool, wavelength: float) -> float:
-        """Return the square root of a part's fraction of the power."""
+    def root_of_fraction(self, part: PlacedSource, is_complete: bool, wavelength: float) -> float:
+        """Return the square root of a part's fraction of the power of the source.
+
+        ``is_complete`` means that no piece of the part is cut off.
+        """
         if is_complete and len(self.parts) == 1 and self.source.normalise == "radiated":
             return 1.0
         norm = partial(norm_of, wavelength=wavelength, obliquity=self.source.obliquity)
@@ -226,6 +225,11 @@ Ends = tuple[NormalisedSource, NormalisedSource]
 
 
 def _normalised(placed: PlacedSource, polarisation: Any) -> NormalisedSource:
+    """Return an end of a link with its polarised parts, for paths that interfere.
+
+    ``polarisation`` applies if the scene specifies none. Raises SceneError for partially coherent,
+    broadband and unpolarised sources.
+    """
     if not placed.mixture.is_plain:
         raise SceneError(
             "interfering paths require coherent light of a single wavelength, got "
@@ -249,42 +253,47 @@ def paths_between(
     emitter: PlacedSource,
     receiver: PlacedSource,
     routes: Sequence[Route],
-    polarisation: Any,
-    shortest: float,
-) -> tuple[list[CoherentPath], list[str]]:
+    options: ReceiveOptions,
+    frequencies: Floats,
+) -> tuple[list[CoherentPath], Complex, list[str]]:
     """Return the paths between an emitter and a receiver, and notes on excluded effects.
 
-    The sources of ``scene`` must be hidden. ``shortest`` is the shortest wavelength in m, which
-    determines the resolution of curved obstacles.
+    The second result contains the complex amplitudes (n, paths) at n frequencies in Hz. The sources
+    of ``scene`` must be hidden.
     """
     link = f"from {emitter.name!r} to {receiver.name!r}"
     check_unit(emitter, receiver)
     check_obliquity(f"the link {link}", emitter.obliquity, receiver.obliquity)
-    ends = _normalised(emitter, polarisation), _normalised(receiver, polarisation)
-    meshes = obstacles_of(scene, emitter, receiver, shortest)
-    leg_to = cache(partial(_leg_to, scene, receiver))
+    jones = options.polarisation
+    ends = _normalised(emitter, jones), _normalised(receiver, jones)
+    # The shortest wavelength determines the resolution of curved obstacles.
+    meshes = obstacles_of(scene, emitter, receiver, SPEED_OF_LIGHT / float(frequencies.max()))
+    leg_to = cache(partial(_path_to_body, scene, receiver))
 
     def find(route: Route) -> tuple[CoherentPath, list[str]] | str:
+        """Return the path along a route and its notes, or the reason why no power arrives."""
         if isinstance(route, Echo):
             return _echo_path(ends, route, leg_to)
-        return _path(scene, ends, route, meshes)
+        return _specular_path(scene, ends, route, meshes)
 
     paths, notes = paths_by(routes, link, find)
     if len(paths) > 1 and paths[0].route == () and not ends[0].is_polarised:
         line = CentralPath(np.array([emitter.centre, receiver.centre]), [np.eye(3)])
-        match = abs(_polarised(ends[0].parts[0][1], ends[1].parts[0][1], ends, (), line)) ** 2
+        emitted, received = (end.parts[0][1] for end in ends)
+        match = abs(_polarisation_factor(emitted, received, ends, (), line)) ** 2
         if match < _GOOD_MATCH:
             notes.append(
                 f"{link}: only {match:.1%} of the power matches if both ends are polarised along "
                 "their y axes; the line-of-sight path is computed as matched, other paths as "
                 "polarised along y; specify a polarisation"
             )
-    return paths, notes
+    return paths, _amplitudes_of(paths, frequencies, options.tolerance), notes
 
 
-def _path(
+def _specular_path(
     scene: Any, ends: Ends, chain: Chain, meshes: list[Mesh] | None
 ) -> tuple[CoherentPath, list[str]] | str:
+    """Return a path via mirrors and its notes, or the reason why no power arrives."""
     result = open_path(scene, ends[0].source, ends[1].source, chain, meshes, coherent=True)
     if isinstance(result, str):
         return result
@@ -296,7 +305,7 @@ def _path(
     for (emitted, p), (received, q) in product(*(end.parts for end in ends)):
         parts_facing = facing_parts(emitted.image(chain), received)
         if parts_facing is not None:
-            factor = leg.transmission if is_scalar else _polarised(p, q, ends, chain, leg)
+            factor = leg.transmission if is_scalar else _polarisation_factor(p, q, ends, chain, leg)
             links.append((factor, parts_facing))
     edges = (
         None if meshes is None else cache(partial(diffracted_ratio, meshes, facing, taking, chain))
@@ -305,21 +314,25 @@ def _path(
     return path, result.notes
 
 
-def _polarised(
+def _polarisation_factor(
     emitted: Complex, received: Complex, ends: Ends, chain: Chain, legs: CentralPath
 ) -> complex:
-    """Return the polarisation factor e_r . E for two Jones vectors."""
+    """Return the polarisation factor e_r . E for the Jones vectors of both ends.
+
+    ``legs`` is the path between the ends, via the mirrors of ``chain``.
+    """
     out, back = (end.source.pose[:3, :3] for end in ends)
     last = CentralPath(legs.points[:-3:-1], [np.eye(3)])
     return complex(legs.arriving(emitted, out, chain) @ last.arriving(received, back))
 
 
-def _leg_to(
+def _path_to_body(
     scene: Any, like: PlacedSource, body: Body, end: PlacedSource, chain: Chain
 ) -> tuple[CentralPath, float] | None:
     """Return the path from an emitter or receiver to a body, and its amplitude transmission.
 
-    The result is None if part of the body is not in front of the emitter or receiver.
+    ``like`` is a receiver whose scene unit and medium apply to the rays. The result is None if part
+    of the body is not in front of the emitter or receiver.
     """
     image = end.image(chain)
     if not body.is_in_front(image):
@@ -334,7 +347,10 @@ def _leg_to(
 def _echo_path(
     ends: Ends, route: Echo, leg_to: Callable[..., tuple[CentralPath, float] | None]
 ) -> tuple[CoherentPath, list[str]] | str:
-    """Return the path via a body, computed by reciprocity from two transmitting ends."""
+    """Return the path via a body and its notes, or the reason why no power arrives.
+
+    ``leg_to`` is `_path_to_body` with fixed scene and receiver. By reciprocity, both ends transmit.
+    """
     chains = route.before, route.after[::-1]
     legs, transmission = [], 1.0
     for end, chain in zip(ends, chains, strict=True):
@@ -348,39 +364,38 @@ def _echo_path(
         transmission *= result[1]
     if transmission == 0.0:
         return "the echo is zero: obstacles block it (ray test, without diffraction)"
-    notes = route.body.doubts(ends[1].source.wavelength, [leg.points for leg in legs])
+    notes = route.body.accuracy_notes(ends[1].source.wavelength, [leg.points for leg in legs])
     if transmission < 1:
         notes.append(
             f"{transmission:.1%} of the amplitude of the echo passes the obstacles (ray test, "
             "without diffraction)"
         )
     distance = math.fsum(leg.length for leg in legs)
-    echo = cache(partial(_echo, ends, route.body, chains, legs))
+    echo = cache(partial(_echo_coupling, ends, route.body, chains, legs))
     return CoherentPath(route, distance, transmission, (), ends, echo=echo), notes
 
 
-def _echo(
+def _echo_coupling(
     ends: Ends, body: Body, chains: tuple[Chain, Chain], legs: list[CentralPath], wavelength: float
 ) -> complex:
+    """Return the coupling of two ends via a conducting body at a wavelength in m."""
     sides = []
     for end, chain, leg in zip(ends, chains, legs, strict=True):
         side = []
         for part, jones in end.parts:
             field = leg.arriving(jones, end.source.pose[:3, :3], chain)
-            strength = float(np.linalg.norm(field)) * end.root(part, True, wavelength)
+            strength = float(np.linalg.norm(field)) * end.root_of_fraction(part, True, wavelength)
             side.append((body.antenna(part.image(chain), wavelength), field, strength))
         sides.append(side)
     total = 0j
     for (emitted, p, first), (received, q, second) in product(*sides):
-        try:
+        with scene_errors(f"cannot compute the echo of {body.name!r}: "):
             b = echo(body.facets, emitted, received, (q, p), ECHO_ERROR, body.bounces)
-        except PolywignerError as error:
-            raise SceneError(f"cannot compute the echo of {body.name!r}: {error}") from None
         total += first * second * b
     return total
 
 
-def amplitudes_of(paths: Sequence[CoherentPath], frequencies: Floats, tolerance: float) -> Complex:
+def _amplitudes_of(paths: Sequence[CoherentPath], frequencies: Floats, tolerance: float) -> Complex:
     """Return the complex amplitudes (n, paths) at frequencies in Hz."""
     if not paths:
         return np.zeros((len(frequencies), 0), np.complex128)
@@ -389,7 +404,7 @@ def amplitudes_of(paths: Sequence[CoherentPath], frequencies: Floats, tolerance:
     for is_echo, allowed in ((False, tolerance), (True, max(tolerance, 3 * ECHO_ERROR))):
         indices = [k for k, path in enumerate(paths) if (path.echo is not None) == is_echo]
         if indices:
-            find = partial(_without_delays, [paths[k] for k in indices], delays[indices], allowed)
+            find = partial(_envelopes, [paths[k] for k in indices], delays[indices], allowed)
             envelopes[:, indices] = _in_band(find, frequencies, allowed)
     return np.asarray(envelopes * np.exp(2j * math.pi * frequencies[:, None] * delays))
 
@@ -397,8 +412,8 @@ def amplitudes_of(paths: Sequence[CoherentPath], frequencies: Floats, tolerance:
 def _in_band(compute: Callable[[float], Complex], frequencies: Floats, tolerance: float) -> Complex:
     """Evaluate a smooth function at n frequencies, by Chebyshev interpolation if that saves calls.
 
-    The number of nodes is doubled until the error at the new nodes is below ``tolerance``, relative
-    to the largest value.
+    ``compute`` returns an array of complex values for a frequency. The number of nodes is doubled
+    until the error at the new nodes is below ``tolerance``, relative to the largest value.
     """
     low, high = float(frequencies.min()), float(frequencies.max())
     steps = _NODE_COUNTS[-1] - 1
@@ -422,16 +437,17 @@ def _in_band(compute: Callable[[float], Complex], frequencies: Floats, tolerance
 
 
 def _interpolated(nodes: Floats, values: Complex, frequencies: Floats) -> Complex:
+    """Interpolate values at Chebyshev nodes to frequencies by a polynomial."""
     low, high = nodes[[0, -1]]
     scaled = [(2 * x - low - high) / (high - low) for x in (nodes, frequencies)]
     coefficients = chebyshev.chebfit(scaled[0], values, len(nodes) - 1)
     return np.asarray(chebyshev.chebval(scaled[1], coefficients).T, np.complex128)
 
 
-def _without_delays(
+def _envelopes(
     paths: Sequence[CoherentPath], delays: Floats, tolerance: float, frequency: float
 ) -> Complex:
-    """Return the amplitudes of paths at one frequency, without the phases due to delays."""
+    """Return the amplitudes of paths at a frequency in Hz, without the phases due to delays."""
     wavelength = SPEED_OF_LIGHT / frequency
     links = [parts for path in paths for _, parts in path.links]
     couplings = iter(_couplings(links, wavelength, tolerance))
@@ -439,7 +455,7 @@ def _without_delays(
     for k, path in enumerate(paths):
         for factor, parts in path.links:
             roots = (
-                end.root(part, parts.fraction == 1, wavelength)
+                end.root_of_fraction(part, parts.fraction == 1, wavelength)
                 for end, part in zip(path.ends, (parts.emitter, parts.receiver), strict=True)
             )
             values[k] += factor * next(couplings) * math.prod(roots)
@@ -450,6 +466,7 @@ def _without_delays(
 
 
 def _couplings(links: list[FacingParts], wavelength: float, tolerance: float) -> Complex:
+    """Return the coupling b of each link; links with equal sources are computed together."""
     groups: dict[tuple[Any, ...], list[int]] = {}
     for k, parts in enumerate(links):
         key = parts.emitter.source, parts.receiver.source, parts.emitter.obliquity
@@ -458,12 +475,9 @@ def _couplings(links: list[FacingParts], wavelength: float, tolerance: float) ->
     for (emitted, received, obliquity), numbers in groups.items():
         ends = [(links[k].emitter, links[k].receiver) for k in numbers]
         poses = np.array([emitter.pose_of(receiver) for emitter, receiver in ends])
-        try:
+        first, last = (end.name for end in ends[0])
+        with scene_errors(f"the link from emitter {first!r} to receiver {last!r}: "):
             values[numbers] = coupling(emitted, received, poses, wavelength, obliquity, tolerance)
-        except PolywignerError as error:
-            emitter, receiver = ends[0]
-            link = f"the link from emitter {emitter.name!r} to receiver {receiver.name!r}"
-            raise SceneError(f"{link}: {error}") from None
     return values
 
 
@@ -476,6 +490,7 @@ def _dataset(
     notes: list[str],
     polarisation: str,
 ) -> xarray.Dataset:
+    """Return the channel as a dataset; ``links`` contains the paths of each pair and amplitudes."""
     present = {path.route for paths, _ in links for path in paths}
 
     number = {route: k for k, route in enumerate(r for r in routes if r in present)}

@@ -20,7 +20,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from polywigner.errors import PolywignerError, SceneError
+from polywigner.errors import SceneError
 from polywigner.execution import Drjit
 from polywigner.mitsuba.plugins.mixtures import norm_of
 from polywigner.mitsuba.plugins.placement import (
@@ -29,6 +29,7 @@ from polywigner.mitsuba.plugins.placement import (
     check_obliquity,
     facing_parts,
 )
+from polywigner.mitsuba.plugins.registration import scene_errors
 from polywigner.mitsuba.receive.power_results import DirectPath
 from polywigner.mitsuba.receive.ray_transmission import joined, point_batches
 from polywigner.mitsuba.receive.specular_paths import (
@@ -38,7 +39,7 @@ from polywigner.mitsuba.receive.specular_paths import (
     open_path,
     points_by,
     points_on,
-    traced,
+    trace_rays,
 )
 from polywigner.mitsuba.scenes.reflectors import Chain, names_of, paths_by, reflected_points
 from polywigner.mitsuba.scenes.surfaces import bounds_of, is_source, sorted_emitters
@@ -65,13 +66,11 @@ def free_space_coupling(parts: FacingParts, tolerance: float) -> float:
     # common scale: the integral of |u|^2.
     is_plain = emitter.mixture.is_plain and receiver.mixture.is_plain
     normalise: Any = "radiated" if is_plain else "aperture"
-    try:
+    with scene_errors(f"{link}: "):
         for sent, wavelength, weight in emitter.mixture.parts(emitter.source, emitter.wavelength):
             for taken, _, other in receiver.mixture.parts(receiver.source, wavelength):
                 b = coupling(sent, taken, pose, wavelength, method, tolerance, normalise=normalise)
                 total += weight * other * float(abs(b) ** 2)
-    except PolywignerError as error:
-        raise SceneError(f"{link}: {error}") from None
     for placed in (emitter, receiver):
         norm = norm_of(placed.source, placed.wavelength, method, normalise=normalise)
         total *= norm / placed.norm
@@ -110,6 +109,7 @@ def direct_light(
     meshes = obstacles_of(scene, emitter, receiver, receiver.wavelength)
 
     def find(chain: Chain) -> tuple[DirectPath, list[str]] | str:
+        """Return the path via mirrors and its notes, or the reason why no power arrives."""
         result = open_path(scene, emitter, receiver, chain, meshes)
         if isinstance(result, str):
             return result
@@ -121,8 +121,8 @@ def direct_light(
         transmission = float(matrix[0, 0])
         if transmission == 0.0:
             return BLOCKED
-        terms = _terms(image, receiver, tolerance)
-        coupling, matched = _received(terms, receiver, matrix)
+        terms = _coupling_terms(image, receiver, tolerance)
+        coupling, matched = _coupling_and_match(terms, receiver, matrix)
         path = DirectPath(
             names_of(chain),
             emitter.power * coupling * transmission * matched,
@@ -140,7 +140,8 @@ def direct_light(
     return DirectLight(tuple(paths), tuple(notes))
 
 
-def _terms(image: PlacedSource, receiver: PlacedSource, tolerance: float) -> list[Term]:
+def _coupling_terms(image: PlacedSource, receiver: PlacedSource, tolerance: float) -> list[Term]:
+    """Return the coupling in free space of each pair of polarised fields of both ends."""
     terms = []
     for (sent, stokes_sent), (taken, stokes_taken) in product(image.fields, receiver.fields):
         parts = facing_parts(replace(image, source=sent), replace(receiver, source=taken))
@@ -149,10 +150,13 @@ def _terms(image: PlacedSource, receiver: PlacedSource, tolerance: float) -> lis
     return terms
 
 
-def _received(
+def _coupling_and_match(
     terms: list[Term], receiver: PlacedSource, transmission: Floats
 ) -> tuple[float, float]:
-    """Return the total coupling, and the fraction of the power in the receiver's polarisation."""
+    """Return the total coupling, and the fraction of the power in the receiver's polarisation.
+
+    ``transmission`` is the mean transmission of the path, shape (1, 1), or a Mueller matrix (4, 4).
+    """
     size = len(transmission)
     weight = 1.0 if receiver.polarisation is None else 0.5
     total = math.fsum(b_squared * sent[0] * taken[0] for b_squared, sent, taken in terms)
@@ -200,8 +204,8 @@ def delta_lights(scene: Any) -> list[DeltaLight]:
     return lights
 
 
-def light_of_points(scene: Any, receiver: PlacedSource, chains: list[Chain]) -> DirectLight:
-    """Return the direct light of all delta lights."""
+def delta_direct_light(scene: Any, receiver: PlacedSource, chains: list[Chain]) -> DirectLight:
+    """Return the direct light of all delta lights at a receiver."""
     paths, notes = delta_paths(scene, receiver, chains), []
     if paths and receiver.diffraction:
         notes.append(
@@ -212,7 +216,7 @@ def light_of_points(scene: Any, receiver: PlacedSource, chains: list[Chain]) -> 
 
 
 def delta_paths(scene: Any, receiver: PlacedSource, chains: list[Chain]) -> list[DirectPath]:
-    """Return the paths from all delta lights to a receiver."""
+    """Return the paths with power from all delta lights to a receiver."""
     lights = delta_lights(scene)
     if lights and receiver.obliquity not in CONDITIONS:
         raise SceneError(
@@ -226,6 +230,7 @@ def delta_paths(scene: Any, receiver: PlacedSource, chains: list[Chain]) -> list
 def _delta_path(
     scene: Any, receiver: PlacedSource, light: DeltaLight, chain: Chain
 ) -> DirectPath | None:
+    """Return the path from a light via mirrors to a receiver, or None if no ray arrives."""
     end = points_on(receiver)
     start, image = _starts(scene, receiver, light, end, chain)
     points = points_by(start, end, chain)
@@ -237,10 +242,10 @@ def _delta_path(
     strength = float(emission.mean())
     if strength == 0.0:
         return None
-    transmitted, _ = traced(scene, points, receiver, None, chain)
+    transmitted, _ = trace_rays(scene, points, receiver, None, chain)
     matrix = np.einsum("n,nij->ij", emission, transmitted) / (strength * len(end))
-    terms = _areas(receiver, image, light.is_infinite)
-    coupling, matched = _received(terms, receiver, matrix)
+    terms = _effective_areas(receiver, image, light.is_infinite)
+    coupling, matched = _coupling_and_match(terms, receiver, matrix)
     transmission = float(matrix[0, 0])
     total = strength if light.is_infinite else 4 * math.pi * strength
     return DirectPath(
@@ -264,25 +269,27 @@ def _starts(
     """
     unit = receiver.scene_unit
     ((centre,),) = point_batches(receiver.centre[None] / unit)
-    sample, _ = _sampled(light, centre)
+    sample, _ = _sampled_light(light, centre)
     if not light.is_infinite:
-        point = _row(sample.p) * unit
+        point = _first(sample.p) * unit
         return np.broadcast_to(point, end.shape), reflected_points(point, chain)
     # Rays of directional lights start outside the scene and its mirror images.
     shapes = [np.abs(bounds_of(shape)).max() for shape in scene.shapes()]
     size = 4.0 * max([float(np.abs(end).max()) / unit, *shapes, 1e-30]) * unit
-    direction = reflected_points(_row(sample.d), chain) - reflected_points(np.zeros(3), chain)
+    direction = reflected_points(_first(sample.d), chain) - reflected_points(np.zeros(3), chain)
     image = end + size * (2 * len(chain) + 1) * direction
     return reflected_points(image, chain[::-1]), receiver.centre + direction
 
 
-def _row(point: Drjit) -> Floats:
+def _first(point: Drjit) -> Floats:
+    """Return the first vector (3,) of a Dr.Jit array of vectors."""
     return np.array(point, np.float64).reshape(3, -1)[:, 0]
 
 
-def _sampled(
+def _sampled_light(
     light: DeltaLight, point: Any, wavelengths: Any = None
 ) -> tuple[mi.DirectionSample3f, Drjit]:
+    """Return the direction from a point to a light, and its spectrum, from Mitsuba."""
     it = dr.zeros(mi.SurfaceInteraction3f)
     if wavelengths is not None:
         it.wavelengths = wavelengths
@@ -291,11 +298,14 @@ def _sampled(
 
 
 def _emission(light: DeltaLight, points: Floats, unit: float) -> Floats:
-    """Return the radiant intensity in W/sr, or the irradiance in W/m^2 of a directional light."""
+    """Return the radiant intensity in W/sr, or the irradiance in W/m^2 of a directional light.
+
+    ``points`` (n, 3) are the illuminated points in scene units of ``unit`` metres.
+    """
     total: Any = 0.0
     white = 0.0
-    for wavelengths in _colours():
-        samples = [_sampled(light, point, wavelengths) for (point,) in point_batches(points)]
+    for wavelengths in _wavelength_samples():
+        samples = [_sampled_light(light, point, wavelengths) for (point,) in point_batches(points)]
         values = [mi.luminance(mi.unpolarized_spectrum(v), wavelengths) for _, v in samples]
         total = total + joined(values)
         white += float(joined([mi.luminance(dr.ones(mi.UnpolarizedSpectrum), wavelengths)])[0])
@@ -308,7 +318,7 @@ def _emission(light: DeltaLight, points: Floats, unit: float) -> Floats:
 _SAMPLES = 24
 
 
-def _colours() -> list[Drjit]:
+def _wavelength_samples() -> list[Drjit]:
     """Return samples of wavelengths in nm, or one empty sample if the variant has none."""
     none = dr.zeros(mi.SurfaceInteraction3f).wavelengths
     kind, count = type(none), dr.size_v(type(none))
@@ -319,26 +329,26 @@ def _colours() -> list[Drjit]:
     return [kind(*row) for row in grid.reshape(_SAMPLES, count).tolist()]
 
 
-def _areas(receiver: PlacedSource, image: Floats, is_infinite: bool) -> list[Term]:
-    """Return the effective areas of a receiver in m^2, which replace couplings."""
+def _effective_areas(receiver: PlacedSource, image: Floats, is_infinite: bool) -> list[Term]:
+    """Return the effective area of each polarised field of a receiver in m^2.
+
+    ``image`` is the position of the light or its mirror image in m. The areas have the form of
+    coupling terms with unpolarised light.
+    """
     axes = receiver.pose[:3, :3]
     point, scale = axes.T @ (image - receiver.pose[:3, 3]), 1 / (4 * math.pi)
     if is_infinite:
-        reach = float(np.abs(receiver.source.bounds).max())
-        distance = _FAR * reach * max(reach / receiver.wavelength, 1.0)
+        radius = float(np.abs(receiver.source.bounds).max())
+        distance = _FAR * radius * max(radius / receiver.wavelength, 1.0)
         point, scale = axes.T @ (image - receiver.centre), distance**2
         point *= distance / float(np.linalg.norm(point))
     method: Any = receiver.obliquity
     terms = []
-    try:
+    with scene_errors(f"cannot compute the direct light at receiver {receiver.name!r}: "):
         for taken, stokes in receiver.fields:
             area = 0.0
             for part, wavelength, weight in receiver.mixture.parts(taken, receiver.wavelength):
                 field = amplitude(part, point, wavelength, method, tolerance=_TOLERANCE)
                 area += weight * wavelength**2 * abs(complex(field)) ** 2
             terms.append((area * scale / receiver.norm, (1.0, 0.0, 0.0, 0.0), stokes))
-    except PolywignerError as error:
-        raise SceneError(
-            f"cannot compute the direct light at receiver {receiver.name!r}: {error}"
-        ) from None
     return terms

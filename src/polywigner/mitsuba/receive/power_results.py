@@ -33,6 +33,7 @@ def dbm_of(watts: float) -> float | None:
 
 
 def dbm_text(watts: float) -> str:
+    """Return a power in W as a text in dBm; "none" or "below zero" if it is not positive."""
     if watts > 0:
         return f"{dbm_of(watts):.2f} dBm"
     return "none" if watts == 0 else "below zero"
@@ -223,6 +224,7 @@ def noise_power_of(
 
 
 def _path_dict(path: DirectPath) -> dict[str, Any]:
+    """Return the values of a path as numbers and strings, which JSON supports."""
     wave = path.amplitude
     return {
         "mirrors": list(path.mirrors),
@@ -238,6 +240,7 @@ def _path_dict(path: DirectPath) -> dict[str, Any]:
 
 
 def _watts(value: float) -> str:
+    """Return a power as a text in W with four digits."""
     return f"{value:.4g} W"
 
 
@@ -283,17 +286,21 @@ class ReceiveOptions:
             object.__setattr__(self, name, value)
 
     def noise_of(self, spec: Any) -> dict[str, Any]:
-        """Return noise parameters; an option that is None is replaced by the receiver's value."""
+        """Return bandwidth, temperature and noise figure, by default the receiver's values."""
         noise = {name: getattr(self, name) for name in NOISE_PARSERS}
         return {n: spec.noise[n] if value is None else value for n, value in noise.items()}
 
 
+Variables = dict[str, tuple[Any, tuple[str, ...], str, str]]
+"""Array, dimensions, unit and description of each variable of a dataset, by name."""
+
+
 def described(
-    values: Mapping[str, tuple[Any, tuple[str, ...], str, str]],
+    values: Variables,
     coords: Mapping[str, Any],
     about: Mapping[str, Any],
 ) -> xarray.Dataset:
-    """Create a dataset from variables of the form (array, dimensions, unit, description)."""
+    """Create a dataset; its attributes are ``about`` and the version of this package."""
     from polywigner import __version__
 
     return labelled_arrays(

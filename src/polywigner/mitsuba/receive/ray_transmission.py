@@ -22,7 +22,7 @@ from polywigner.errors import SceneError
 from polywigner.execution import Drjit
 from polywigner.mitsuba.plugins.polariser import mueller_matrix
 from polywigner.mitsuba.scenes.reflectors import MASK, THIN, Surface, bsdfs_in
-from polywigner.mitsuba.scenes.surfaces import Reaches, children_of
+from polywigner.mitsuba.scenes.surfaces import ShapeExtents, children_of
 from polywigner.numerics import Floats
 
 # Largest number of null surfaces per path; longer paths count as blocked.
@@ -88,18 +88,18 @@ class _Pane:
     masks: list[Any]
 
     def transmittances(self, si: Any, total: Any, active: Any) -> tuple[Drjit, Drjit]:
-        """Return the transmittances for s and p polarisation.
+        """Return the power transmittances for s and p polarisation.
 
         ``total`` is Mitsuba's transmittance, including textures and masks.
         """
         cosine = dr.abs(dr.dot(si.to_world(si.wi), si.n))
         covered = _opacity(self.masks, si, active)
-        mean, across, along = _on_host(self._without_masks, cosine)
+        mean, across, along = _on_host(self._pane_transmittances, cosine)
         # The scale includes the texture and the unmasked fraction of the surface.
         scale = dr.select(mean > 0.0, (total - 1.0 + covered) / dr.select(mean > 0.0, mean, 1.0), 0)
         return 1.0 - covered + scale * across, 1.0 - covered + scale * along
 
-    def _without_masks(self, cosine: Floats) -> list[Floats]:
+    def _pane_transmittances(self, cosine: Floats) -> list[Floats]:
         """Return Mitsuba's transmittance, and the transmittances for s and p polarisation."""
         fields = self.surface.coefficients(cosine)
         mean = 1.0 - self.surface.reflectance_in_mitsuba(cosine)
@@ -115,7 +115,7 @@ class RayTracer:
 
     def __init__(self, scene: Any, polarised: bool, coherent: bool) -> None:
         self._scene, self._polarised, self._coherent = scene, polarised, coherent
-        self._reaches = Reaches(scene)
+        self._extents = ShapeExtents(scene)
         self._panes, self._filters = [], []
         for shape in scene.shapes():
             nodes = bsdfs_in(shape.bsdf()) if shape.bsdf() is not None else []
@@ -128,6 +128,7 @@ class RayTracer:
 
     @property
     def changes_fields(self) -> bool:
+        """Whether panes change the electric fields that the tracer returns."""
         return self._coherent and bool(self._panes)
 
     def trace(self, medium: Any, planes: Sequence[Plane], points: list[Any]) -> Transmission:
@@ -135,7 +136,7 @@ class RayTracer:
 
         ``medium`` is the fog at the first point. ``planes`` are the planes of the mirrors.
         """
-        fraction, panes = self._all(), []
+        fraction, panes = self._full_transmission(), []
         first = direction = dr.normalize(points[1] - points[0])
         ray = mi.Ray3f(points[0], direction)
         if dr.size_v(type(ray.wavelengths)):
@@ -143,17 +144,17 @@ class RayTracer:
         if dr.is_jit_v(mi.Float):
             medium = mi.MediumPtr(medium)
         for plane, end in zip(planes, points[2:], strict=True):
-            si, passed, medium, columns = self._first_surface(ray, medium, plane)
-            met = _is(si.shape, plane.shape) & (_is_apart(si.p, plane) == mi.Bool(False))
+            si, passed, medium, columns = self._to_first_surface(ray, medium, plane)
+            met = _is_shape(si.shape, plane.shape) & (_is_apart(si.p, plane) == mi.Bool(False))
             panes.append(columns)
             if not dr.any(met):
                 return Transmission(0.0 * fraction, first, first, panes)
             fraction = fraction * dr.select(met, passed * self._reflectance(si, met, plane), 0.0)
             direction = dr.normalize(end - si.p)
-            ray = self._reaches.leave(si, direction)
+            ray = self._extents.ray_from(si, direction)
         ray.maxt = dr.norm(points[-1] - ray.o)
         ray.d = direction = (points[-1] - ray.o) / ray.maxt
-        si, passed, _, columns = self._first_surface(ray, medium)
+        si, passed, _, columns = self._to_first_surface(ray, medium)
         panes.append(columns)
         fraction = dr.select(si.is_valid(), 0.0, fraction * passed)
         return Transmission(fraction, first, direction, panes)
@@ -161,17 +162,22 @@ class RayTracer:
     def unobstructed(self, si: Any, point: Any) -> Drjit:
         """Return the transmission from a surface to a point of a light, without fog."""
         medium = mi.MediumPtr(None) if dr.is_jit_v(mi.Float) else None
-        it, passed, _, _ = self._first_surface(si.spawn_ray_to(point), medium)
+        it, passed, _, _ = self._to_first_surface(si.spawn_ray_to(point), medium)
         return dr.select(it.is_valid(), 0.0, passed)
 
-    def _all(self) -> Drjit:
+    def _full_transmission(self) -> Drjit:
+        """Return a transmission of 1, or the identity as a Mueller matrix."""
         return mi.Spectrum(1.0) if self._polarised else mi.Float(1.0)
 
-    def _first_surface(
+    def _to_first_surface(
         self, ray: Any, medium: Any, plane: Plane | None = None
     ) -> tuple[Drjit, Drjit, Drjit, list[Drjit]]:
-        """Trace rays to a mirror or to the first surface that is not null."""
-        fraction, moves = self._all(), mi.Bool(True)
+        """Trace rays to a mirror or to the first surface that is not null.
+
+        Return the intersection, the transmission up to it, the medium in front of it, and the
+        fields behind all panes for incident fields along x, y and z.
+        """
+        fraction, moves = self._full_transmission(), mi.Bool(True)
         columns = [mi.Vector3f(*axis) for axis in np.eye(3).tolist()]
         for _ in range(_MOST_PASSED):
             si = self._scene.ray_intersect(ray)
@@ -184,35 +190,38 @@ class RayTracer:
             moves = moves & mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.Null)
             if not dr.any(moves):
                 break
-            passed, columns = self._passed(si, ray.d, columns, moves)
+            passed, columns = self._null_transmission(si, ray.d, columns, moves)
             fraction = dr.select(moves, fraction * passed, fraction)
-            medium = _behind(si, ray.d, medium, moves)
-            onwards = self._reaches.leave(si, ray.d)
+            medium = _medium_behind(si, ray.d, medium, moves)
+            onwards = self._extents.ray_from(si, ray.d)
             onwards.maxt = ray.maxt - dr.dot(onwards.o - ray.o, ray.d)
             ray = dr.select(moves, onwards, ray)
         return si, fraction, medium, columns
 
-    def _passed(
+    def _null_transmission(
         self, si: Any, d: Any, columns: list[Any], active: Any
     ) -> tuple[Drjit, list[Drjit]]:
-        """Return the transmission of a null surface, and the fields behind it."""
+        """Return the transmission of a null surface, and the fields behind it.
+
+        ``columns`` are fields in front of the surface, and ``d`` is the direction of the rays.
+        """
         passed = si.bsdf().eval_null_transmission(si, active)
-        total = _mean(passed, False)
+        total = _spectral_mean(passed, False)
         if self._polarised:
             passed = si.to_world_mueller(passed, si.wi, si.wi)
-        fraction = _mean(passed, self._polarised)
+        fraction = _spectral_mean(passed, self._polarised)
         for shape in self._filters if self._coherent else ():
-            if dr.any(active & _is(si.shape, shape)):
+            if dr.any(active & _is_shape(si.shape, shape)):
                 raise SceneError(
                     f"interfering paths through the polarising filter {shape.id()!r} are not "
                     "supported; omit coherent=True in received_power, and use a polarised variant"
                 )
         for pane in self._panes:
-            here = active & _is(si.shape, pane.shape)
+            here = active & _is_shape(si.shape, pane.shape)
             if not dr.any(here):
                 continue
             across, along = pane.transmittances(si, total, here)
-            normal = _across(si.n, d)
+            normal = _s_axis(si.n, d)
             roots = [dr.sqrt(dr.select(part > 0.0, part, 0.0)) for part in (across, along)]
             if self._coherent:
                 transmitted = [
@@ -229,7 +238,7 @@ class RayTracer:
         return fraction, columns
 
     def _reflectance(self, si: Any, active: Any, plane: Plane) -> Drjit:
-        """Return the specular reflectance, or zero if a normal map changes the direction."""
+        """Return the specular reflectance of a mirror, or zero if a normal map tilts the ray."""
         nodes = bsdfs_in(plane.shape.bsdf())
         masks = list(takewhile(lambda node: node.class_name() == MASK, nodes))
         bsdf = nodes[len(masks)]
@@ -243,16 +252,16 @@ class RayTracer:
         if plane.surfaces is None:
             if self._polarised:
                 weight = si.to_world_mueller(weight, -sample.wo, si.wi)
-            return covered * _mean(weight, self._polarised)
+            return covered * _spectral_mean(weight, self._polarised)
         # Dividing Mitsuba's reflectance by the Fresnel reflectance leaves the textures and factors
         # of the BSDF.
         inverse, *roots = _on_host(partial(_both_sides, *plane.surfaces), dr.dot(arrived, si.n))
-        scale = covered * _mean(weight, False) * inverse
+        scale = covered * _spectral_mean(weight, False) * inverse
         if self._coherent:
             return scale
         if not self._polarised:
             return scale * (roots[0] * roots[0] + roots[1] * roots[1]) / 2
-        return scale * _mueller(roots, _across(si.n, arrived), -mirrored, arrived)
+        return scale * _mueller(roots, _s_axis(si.n, arrived), -mirrored, arrived)
 
 
 def _both_sides(before: Surface, behind: Surface, cosine: Floats) -> list[Floats]:
@@ -262,6 +271,7 @@ def _both_sides(before: Surface, behind: Surface, cosine: Floats) -> list[Floats
     """
 
     def values(surface: Surface) -> list[Floats]:
+        """Return the three numbers for one surface."""
         reflectance = surface.reflectance_in_mitsuba(np.abs(cosine))
         fields = surface.coefficients(np.abs(cosine))
         return [1.0 / np.where(reflectance > 0.0, reflectance, 1.0), *(r.real for r in fields)]
@@ -271,7 +281,7 @@ def _both_sides(before: Surface, behind: Surface, cosine: Floats) -> list[Floats
 
 
 def _on_host(function: Callable[[Floats], list[Floats]], value: Any) -> list[Drjit]:
-    """Evaluate a NumPy function for a Dr.Jit array."""
+    """Evaluate a NumPy function for a Dr.Jit array; return Dr.Jit arrays."""
     results = function(np.array(value, np.float64))
     if dr.is_jit_v(mi.Float):
         return [mi.Float(result.tolist()) for result in results]
@@ -279,6 +289,7 @@ def _on_host(function: Callable[[Floats], list[Floats]], value: Any) -> list[Drj
 
 
 def _opacity(masks: list[Any], si: Any, active: Any) -> Drjit:
+    """Return the product of the opacities of masks at an intersection."""
     result: Any = mi.Float(1.0)
     for mask in masks:
         texture = next(child for child in children_of(mask) if isinstance(child, mi.Texture))
@@ -286,8 +297,8 @@ def _opacity(masks: list[Any], si: Any, active: Any) -> Drjit:
     return result
 
 
-def _across(normal: Any, direction: Any) -> Drjit:
-    """Return a unit normal of the plane of incidence, which is arbitrary at normal incidence."""
+def _s_axis(normal: Any, direction: Any) -> Drjit:
+    """Return the unit vector of s polarisation, which is arbitrary at normal incidence."""
     across = dr.cross(mi.Vector3f(normal), direction)
     length = dr.norm(across)
     is_oblique = length > _NORMAL_INCIDENCE
@@ -315,16 +326,18 @@ def _mueller(roots: Any, across: Any, arrives: Any, leaves: Any) -> Drjit:
     return mi.mueller.rotate_mueller_basis(matrix, *ends[0], *ends[1])
 
 
-def _is(pointer: Any, shape: Any) -> Drjit:
+def _is_shape(pointer: Any, shape: Any) -> Drjit:
+    """Return whether pointers refer to a shape."""
     return pointer == (mi.ShapePtr(shape) if dr.is_jit_v(mi.Float) else shape)
 
 
 def _is_apart(point: Any, plane: Plane) -> Drjit:
+    """Return whether a point is farther from a plane than the rounding errors."""
     return dr.abs(dr.dot(point, plane.normal) - plane.offset) > plane.rounding
 
 
 def _through_fog(medium: Any, ray: Any, si: Any) -> Drjit:
-    """Return the transmission of fog up to a surface."""
+    """Return the transmission of fog along a ray up to a surface."""
     is_jit = dr.is_jit_v(mi.Float)
     is_foggy = medium != mi.MediumPtr(None) if is_jit else medium is not None
     length = dr.minimum(si.t, ray.maxt)
@@ -344,12 +357,14 @@ def _through_fog(medium: Any, ray: Any, si: Any) -> Drjit:
     return dr.select(is_foggy, dr.mean(dr.exp(-depth * (length / _FOG_SAMPLES))), 1.0)
 
 
-def _behind(si: Any, direction: Any, medium: Any, active: Any) -> Drjit:
+def _medium_behind(si: Any, direction: Any, medium: Any, active: Any) -> Drjit:
+    """Return the medium behind a surface; ``medium`` is the medium in front of it."""
     changes = active & si.is_medium_transition()
     return dr.select(changes, si.target_medium(direction), medium)
 
 
-def _mean(spectrum: Any, polarised: bool) -> Drjit:
+def _spectral_mean(spectrum: Any, polarised: bool) -> Drjit:
+    """Return the mean over wavelengths of a spectrum, or of each element of Mueller matrices."""
     if not polarised:
         return dr.mean(mi.unpolarized_spectrum(spectrum))
     return mueller_matrix(mi, {entry: dr.mean(spectrum[entry]) for entry in np.ndindex(4, 4)})

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import count
+from itertools import count, product
 from typing import Any, NamedTuple
 
 import drjit as dr
@@ -17,11 +17,11 @@ from polywigner.errors import ArgumentError, SceneError
 from polywigner.execution.progress import slow_bar
 from polywigner.geometry.arguments import checked_callable
 from polywigner.mitsuba.plugins.diffraction import scene_known
-from polywigner.mitsuba.plugins.films import mean_of_colours, seed_of, silent
+from polywigner.mitsuba.plugins.films import log_only_to, mean_of_colours, seed_of
 from polywigner.mitsuba.plugins.placement import (
     PlacedSource,
     check_match,
-    placed_emitter,
+    placed_emitters,
     placed_receiver,
 )
 from polywigner.mitsuba.plugins.polariser import polarisation_summary
@@ -29,8 +29,8 @@ from polywigner.mitsuba.plugins.receiver import film_of, receiver_class
 from polywigner.mitsuba.plugins.registration import one_at_a_time
 from polywigner.mitsuba.plugins.source_parameters import RECEIVER
 from polywigner.mitsuba.radar.range_film import is_transient
-from polywigner.mitsuba.receive.channels import amplitudes_of, paths_between
-from polywigner.mitsuba.receive.direct_light import DirectLight, direct_light, light_of_points
+from polywigner.mitsuba.receive.channels import paths_between
+from polywigner.mitsuba.receive.direct_light import DirectLight, delta_direct_light, direct_light
 from polywigner.mitsuba.receive.power_results import (
     OTHER_LIGHTS,
     Contribution,
@@ -43,7 +43,7 @@ from polywigner.mitsuba.receive.scattered import (
     BATCHES,
     Scattering,
     aimed,
-    batches_of,
+    batch_spp,
     by_source,
     lights_of,
     standard_error,
@@ -51,7 +51,6 @@ from polywigner.mitsuba.receive.scattered import (
 from polywigner.mitsuba.scenes.reflectors import Echo, Route, names_of, routes_in
 from polywigner.mitsuba.scenes.rendering import (
     default_integrator,
-    default_spp,
     exposed,
     hide_emitters,
     polarised_by_default,
@@ -60,7 +59,6 @@ from polywigner.mitsuba.scenes.surfaces import (
     number_of,
     receivers_of,
     sorted_shapes,
-    wigner_emitters,
 )
 from polywigner.numerics import Floats
 from polywigner.quantities import SPEED_OF_LIGHT
@@ -160,7 +158,7 @@ def received_power(
     noise = bandwidth, temperature, noise_figure
     waves = coherent, polarisation, bodies
     options = ReceiveOptions(spp, seed, integrator, reflections, tolerance, *noise, *waves)
-    number = chosen(receivers_of(scene), receiver)
+    number = index_of(receivers_of(scene), receiver)
     return received(scene, [number], options, partial(scattered_here, scene, progress)).powers[0]
 
 
@@ -189,32 +187,20 @@ def received_powers(
     return received(scene, numbers, options, partial(scattered_here, scene, progress)).powers
 
 
-def chosen(receivers: list[tuple[int, Any]], receiver: int | str | None) -> int:
+def index_of(receivers: list[tuple[int, Any]], receiver: int | str | None) -> int:
     """Return the index of a receiver from its id or index; None selects the only receiver."""
     names = [sensor.id() for _, sensor in receivers]
     if receiver is None and len(receivers) == 1:
         return 0
     if isinstance(receiver, str) and names.count(receiver) == 1:
         return names.index(receiver)
-    is_number = isinstance(receiver, int) and not isinstance(receiver, bool)
-    if is_number and 0 <= receiver < len(receivers):  # type: ignore[operator]
-        return int(receiver)  # type: ignore[arg-type]
+    if type(receiver) is int and 0 <= receiver < len(receivers):  # True and False are errors.
+        return receiver
     listed = ", ".join(f"{number} ({name!r})" for number, name in enumerate(names))
     raise ArgumentError(
         f"expected receiver to be one of {listed}, got {receiver!r}; specify one of them, or call "
         "received_powers for all receivers"
     )
-
-
-class Parties(NamedTuple):
-    """Selected receivers and all coherent sources of a scene."""
-
-    sensors: list[int]
-    """Indices of the receivers among the sensors."""
-    receivers: list[PlacedSource]
-    noises: list[dict[str, Any]]
-    """Bandwidth, temperature and noise figure of each receiver."""
-    emitters: list[PlacedSource]
 
 
 class Received(NamedTuple):
@@ -235,57 +221,66 @@ def received(
 ) -> Received:
     """Return the power at the receivers with the indices ``numbers``.
 
-    ``edges`` in m divide scattered light into range bins.
+    ``sample`` renders the scattered light, and ``edges`` in m divide it into range bins.
     """
     with polarised_by_default(scene, options.polarisation), hide_emitters(scene), aimed(scene):
-        parties = matched(scene, numbers, options)
-        ends = list(zip(parties.sensors, parties.receivers, strict=True))
-        plans = [_scattering(scene, k, options, end.scene_unit, edges) for k, end in ends]
+        emitters, receivers = matched_ends(scene, numbers, options)
+        sensors = [receivers_of(scene)[number][0] for number in numbers]
+        ends = list(zip(sensors, receivers, strict=True))
+        plans = [_scattering_settings(scene, k, options, end.scene_unit, edges) for k, end in ends]
         # Errors in direct light are raised before slow renders start.
-        direct = [_direct(scene, *end, parties.emitters, options) for end in ends]
+        direct = [_direct_lights(scene, *end, emitters, options) for end in ends]
         batches = np.asarray(sample(plans), np.float64)
         batches = batches.reshape(*batches.shape[:3], -1)
-        rows = zip(
-            parties.receivers, parties.noises, direct, plans, batches.sum(axis=-1), strict=True
-        )
-        powers = [_result(scene, parties.emitters, options, *row) for row in rows]
-    return Received(powers, parties.receivers, batches)
+        rows = zip(receivers, direct, plans, batches.sum(axis=-1), strict=True)
+        powers = [_result(scene, emitters, options, *row) for row in rows]
+    return Received(powers, receivers, batches)
 
 
-def matched(scene: Any, numbers: list[int], options: ReceiveOptions) -> Parties:
-    """Return receivers and sources; raise SceneError unless their frequencies and units match."""
+def matched_ends(
+    scene: Any, numbers: list[int], options: ReceiveOptions
+) -> tuple[list[PlacedSource], list[PlacedSource]]:
+    """Return the emitters of a scene, and the receivers with the indices ``numbers``.
+
+    Raises SceneError unless their frequencies and units match.
+    """
     if not scene.emitters():
         raise SceneError("the scene has no emitters; add an emitter")
-    sensors = [receivers_of(scene)[number] for number in numbers]
-    emitters = [placed_emitter(e, k).touching(scene) for k, e in enumerate(wigner_emitters(scene))]
-    receivers = [
-        placed_receiver(s, n).touching(scene) for n, (_, s) in zip(numbers, sensors, strict=True)
-    ]
-    noises = [options.noise_of(sensor.spec) for _, sensor in sensors]
-    for receiver, noise in zip(receivers, noises, strict=True):
-        for emitter in emitters:
-            check_match(emitter, receiver, noise["bandwidth"])
-    return Parties([index for index, _ in sensors], receivers, noises, emitters)
+    emitters, receivers = placed_emitters(scene), []
+    for number in numbers:
+        receiver = placed_receiver(scene, receivers_of(scene)[number][1], number)
+        receivers.append(replace(receiver, noise=options.noise_of(receiver)))
+    for receiver, emitter in product(receivers, emitters):
+        check_match(emitter, receiver)
+    return emitters, receivers
 
 
-def _scattering(
+def _scattering_settings(
     scene: Any, sensor: int, options: ReceiveOptions, unit: float, edges: Floats | None
 ) -> Scattering:
-    name = exposed(scene, options.integrator, 1, 0, sensor, warn=False).integrator.class_name()
+    """Return the settings for sampling the light scattered to a sensor.
+
+    ``unit`` is the length of a scene unit in m, and ``edges`` are edges of range bins in m. Raises
+    SceneError for integrators that compute no radiance.
+    """
+    exposure = exposed(scene, options.integrator, options.spp, 0, sensor, warn=False)
+    name = exposure.integrator.class_name()
     if name in _NO_RADIANCE:
         raise SceneError(
             "scattered light requires an integrator that computes the radiance along rays from "
             f'the receiver, got {name}; use "path" or, with fog, "volpath"'
         )
-    spp = default_spp(scene, sensor) if options.spp is None else options.spp
     lengths = None if edges is None else tuple((2.0 * edges / unit).tolist())
-    return Scattering(sensor, options.integrator, spp, options.seed, lengths)
+    return Scattering(sensor, options.integrator, exposure.cut.samples, options.seed, lengths)
 
 
 def scattered_here(
     scene: Any, progress: Progress | None, plans: Sequence[Scattering]
 ) -> NDArray[np.float64]:
-    """Render all batches; return powers in W, shape (receivers, batches, lights, ...)."""
+    """Render all batches in this process, and report progress.
+
+    Return powers in W, shape (receivers, batches, lights, ...).
+    """
     done, total = count(1), len(plans) * BATCHES * len(lights_of(scene))
     checked_callable(progress, "progress")
     with slow_bar("renders", total) as advance:
@@ -293,7 +288,7 @@ def scattered_here(
         return np.array([[p.batch(scene, k, report) for k in range(BATCHES)] for p in plans])
 
 
-def _direct(
+def _direct_lights(
     scene: Any,
     sensor: int,
     receiver: PlacedSource,
@@ -301,21 +296,20 @@ def _direct(
     options: ReceiveOptions,
 ) -> list[DirectLight]:
     """Return the direct light of each emitter and of all delta lights; sources must be hidden."""
-    chains, echoes, notes = routes_in(
-        scene, receiver.scene_unit, options.reflections, options.bodies
-    )
+    routes, notes = routes_in(scene, receiver.scene_unit, options.reflections, options.bodies)
+    chains = [route for route in routes if not isinstance(route, Echo)]
     links = [
-        _interfering(scene, emitter, receiver, [*chains, *echoes], options)
+        _interfering_light(scene, emitter, receiver, routes, options)
         if options.coherent
         else direct_light(scene, emitter, receiver, chains, options.tolerance)
         for emitter in emitters
     ]
     method = exposed(scene, options.integrator, 1, 0, sensor, warn=False).integrator
-    others = DirectLight() if method.hide_emitters else light_of_points(scene, receiver, chains)
+    others = DirectLight() if method.hide_emitters else delta_direct_light(scene, receiver, chains)
     return [*links, replace(others, notes=(*others.notes, *notes))]
 
 
-def _interfering(
+def _interfering_light(
     scene: Any,
     emitter: PlacedSource,
     receiver: PlacedSource,
@@ -324,9 +318,10 @@ def _interfering(
 ) -> DirectLight:
     """Return the direct light of an emitter with interfering paths; sources must be hidden."""
     wavelength = emitter.wavelength
-    paths, notes = paths_between(scene, emitter, receiver, routes, options.polarisation, wavelength)
     frequency = np.array([SPEED_OF_LIGHT / wavelength])
-    amplitudes = amplitudes_of(paths, frequency, options.tolerance)[0]
+    paths, (amplitudes,), notes = paths_between(
+        scene, emitter, receiver, routes, options, frequency
+    )
     direct = []
     for path, amplitude in zip(paths, amplitudes, strict=True):
         transmission = abs(path.transmission_at(wavelength))
@@ -352,11 +347,11 @@ def _result(
     emitters: list[PlacedSource],
     options: ReceiveOptions,
     receiver: PlacedSource,
-    noise: dict[str, Any],
     direct: list[DirectLight],
     plan: Scattering,
     scattered: Floats,
 ) -> ReceivedPower:
+    """Return the received power of a receiver; ``scattered`` has the shape (batches, lights)."""
     of_sources, others = by_source(scene, scattered)
     rows = [*zip([emitter.name for emitter in emitters], of_sources, direct[:-1], strict=True)]
     if len(lights_of(scene)) > len(emitters):
@@ -371,13 +366,13 @@ def _result(
             for name, part, link in rows
         ),
         standard_error=float(standard_error(others + of_sources.sum(axis=0))),
-        samples=BATCHES * batches_of(plan.spp),
+        samples=BATCHES * batch_spp(plan.spp),
         seed=plan.seed,
         notes=tuple(dict.fromkeys(note for link in direct for note in link.notes)),
         polarisation=polarisation_summary(
             [*emitters, receiver], options.coherent, options.polarisation
         ),
-        **noise,
+        **receiver.noise,
     )
 
 
@@ -396,7 +391,7 @@ def arrival_map(scene: Any, receiver: int, seed: int = 0) -> NDArray[np.float64]
     sensor = receiver_class(mi.variant())(original.spec, props)
     sensor.scene = scene
     try:
-        with scene_known(scene), hide_emitters(scene), silent():
+        with scene_known(scene), hide_emitters(scene), log_only_to():
             integrator = scene.integrator()
             if integrator is None or is_transient(integrator):
                 integrator = mi.load_dict({"type": default_integrator(scene)})
@@ -415,8 +410,11 @@ _MOST_NAMED, _LEAST_NAMED = 5, 0.01
 def shapes_in(
     scene: Any, receiver: int, image: NDArray[np.float64]
 ) -> dict[str, tuple[float, float]]:
-    """Return the direction cosines of the shapes from which most power arrives."""
-    placed = placed_receiver(receivers_of(scene)[receiver][1], receiver)
+    """Return the shapes from which most power arrives, with their direction cosines.
+
+    ``image`` is a map (n, n) of `arrival_map`, and the keys of the result are the ids of shapes.
+    """
+    placed = placed_receiver(scene, receivers_of(scene)[receiver][1], receiver)
     axis = (np.arange(len(image)) + 0.5) * 2 / len(image) - 1
     x, y = (part.ravel() for part in np.meshgrid(axis, axis))
     power = np.where(x * x + y * y < 1, image.ravel(), 0.0).clip(min=0)
@@ -437,6 +435,7 @@ def shapes_in(
 
 
 def _first_shapes(scene: Any, origin: Floats, directions: Floats) -> NDArray[np.uint32]:
+    """Return the registry number of the first shape in each direction; directions are (3, n)."""
     start, numbers = mi.Point3f(*origin.tolist()), []
     for (direction,) in point_batches(directions.T):
         hit = scene.ray_intersect_preliminary(mi.Ray3f(start, mi.Vector3f(direction)))

@@ -26,13 +26,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.execution import Drjit, ops_for
-from polywigner.geometry.parts import connected
 from polywigner.mitsuba.plugins.films import changed, check_spp, mean_of_colours, seed_of
 from polywigner.mitsuba.radar.range_film import sorted_by_range, transient_integrator
 from polywigner.mitsuba.receive.ray_transmission import joined, point_batches
-from polywigner.mitsuba.scenes.rendering import check_is_whole, exposed, illuminated_by
+from polywigner.mitsuba.scenes.rendering import check_is_complete, exposed, illuminated_by
 from polywigner.mitsuba.scenes.surfaces import (
     bounds_of,
+    connected_parts,
     faces_of,
     is_receiver,
     sorted_shapes,
@@ -65,13 +65,13 @@ _PROBES = 5
 
 
 def aimed(scene: Any) -> AbstractContextManager[None]:
-    """Aim samples of receivers at small shapes."""
+    """Aim samples of receivers at small shapes within a ``with`` block."""
     sources = [emitter.get_shape() for emitter in wigner_emitters(scene)]
     shapes = [shape for shape in sorted_shapes(scene) if shape not in sources]
     boxes = np.reshape([box for shape in shapes for box in _boxes(shape)], (-1, 2, 3))
     changes = []
     for sensor in filter(is_receiver, scene.sensors()):
-        rows = _targets(sensor, boxes)
+        rows = _boxes_of_angles(sensor, boxes)
         if len(rows):
             aimed_directions = AimedDirections(mi, sensor.directions, rows)
             changes.append((sensor, "directions", aimed_directions))
@@ -83,19 +83,13 @@ def _boxes(shape: Any) -> list[Floats]:
     shape_box = [bounds_of(shape)]
     if "faces" not in mi.traverse(shape) or not 1 < shape.face_count() <= _MOST_FACES:
         return shape_box
-    # Meshes with normals contain the same vertex several times.
-    points, numbers = np.unique(vertices_of(shape), axis=0, return_inverse=True)
-    faces = numbers.ravel()[faces_of(shape)]
-    first, second, third = faces.T
-    labels = connected(len(points), np.append(first, first), np.append(second, third))
-    pieces, owner = np.unique(labels[first], return_inverse=True)
-    if not 1 < len(pieces) <= _MOST_PIECES:
+    points, parts = connected_parts(vertices_of(shape), faces_of(shape))
+    if not 1 < len(parts) <= _MOST_PIECES:
         return shape_box
-    corners = (points[faces[owner == k]].reshape(-1, 3) for k in range(len(pieces)))
-    return [np.array([part.min(axis=0), part.max(axis=0)]) for part in corners]
+    return [np.array([points[p].min(axis=(0, 1)), points[p].max(axis=(0, 1))]) for p in parts]
 
 
-def _vectors(sensor: Any, boxes: Floats) -> Floats:
+def _vectors_to_boxes(sensor: Any, boxes: Floats) -> Floats:
     """Return vectors (boxes, points, 3) from a receiver to boxes, in its frame."""
     grid = np.linspace(0.0, 1.0, _POINTS)
     inner = np.stack(np.meshgrid(grid, grid, grid), axis=-1).reshape(-1, 3)
@@ -108,9 +102,13 @@ def _vectors(sensor: Any, boxes: Floats) -> Floats:
     return np.asarray(vectors[(vectors[..., 2] > 0.0).all(axis=1)])
 
 
-def _targets(sensor: Any, boxes: Floats) -> Floats:
-    """Return rows (n, 5): lower and upper (alpha, psi), and fraction of the aimed samples."""
-    vectors = _vectors(sensor, boxes)
+def _boxes_of_angles(sensor: Any, boxes: Floats) -> Floats:
+    """Return boxes of angles around small shapes as seen from a receiver, shape (n, 5).
+
+    ``boxes`` (m, 2, 3) are bounding boxes in space. The columns are the lower and upper angles
+    (alpha, psi), and the fraction of the aimed samples.
+    """
+    vectors = _vectors_to_boxes(sensor, boxes)
     if not len(vectors):
         return np.empty((0, 5))
     distance, (x, y, z) = np.linalg.norm(vectors, axis=-1), np.moveaxis(vectors, -1, 0)
@@ -131,6 +129,7 @@ def _targets(sensor: Any, boxes: Floats) -> Floats:
 
 
 def _unaimed_fraction(directions: Any, rows: Floats) -> Floats:
+    """Return the fraction of the unaimed samples in boxes of angles, shape (n,)."""
     steps = (np.arange(_PROBES) + 0.5) / _PROBES
     inner = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     low, size = rows[:, None, :2], np.diff(rows.reshape(-1, 2, 2), axis=1)
@@ -166,34 +165,39 @@ class AimedDirections:
         unaimed = dr.select(aims, 0.5, (sample.x - _AIMED) * (1 / (1 - _AIMED)))
         others, density = self._others.sample(m.Point2f(unaimed, sample.y))
         u = dr.select(aims, sample.x * (1 / _AIMED), 0.0)
-        number = self._ops.truncated(self._sum(lambda box: dr.select(u >= box[6], 1.0, 0.0)))
+        number = self._ops.truncated(self._box_sum(lambda box: dr.select(u >= box[6], 1.0, 0.0)))
         box = self._ops.gather(self._table, number)
         alpha = _between(box[0], box[2], (u - box[4]) * box[5])
         psi = _between(box[1], box[3], sample.y)
         angles = m.Point2f(dr.select(aims, alpha, others.x), dr.select(aims, psi, others.y))
         density = dr.select(aims, self._others.density(angles), density)
-        return angles, self._mixed(angles, density)
+        return angles, self._mixture_density(angles, density)
 
     def density(self, angles: Any) -> Drjit:
-        return self._mixed(angles, self._others.density(angles))
+        """Return the density of samples per solid angle at angles (alpha, psi)."""
+        return self._mixture_density(angles, self._others.density(angles))
 
-    def _mixed(self, angles: Any, others: Any) -> Drjit:
-        return _AIMED * self._sum(partial(_density_in, angles)) + (1 - _AIMED) * others
+    def _mixture_density(self, angles: Any, others: Any) -> Drjit:
+        """Return the density of all samples from the density ``others`` of unaimed samples."""
+        return _AIMED * self._box_sum(partial(_density_in, angles)) + (1 - _AIMED) * others
 
-    def _sum(self, term: Callable[[Any], Any]) -> Drjit:
+    def _box_sum(self, term: Callable[[Any], Any]) -> Drjit:
+        """Return the sum of ``term(row)`` over all boxes; a row describes a box."""
+
         def add(number: Any, total: Drjit) -> tuple[Drjit]:
+            """Add the term of a box."""
             return (total + term(self._ops.gather(self._table, number)),)
 
         return self._ops.fold(0, self._count, (0.0,), add)[0]
 
 
 def _between(low: Drjit, high: Drjit, u: Drjit) -> Drjit:
-    """Map a random number to an angle inside a box despite rounding errors."""
+    """Return ``low + (high - low) u``, limited to this interval despite rounding errors."""
     return dr.clip(low + (high - low) * u, low, high)
 
 
 def _density_in(angles: Any, box: Sequence[Drjit]) -> Drjit:
-    """Return the density of the samples aimed at a box."""
+    """Return the density of the samples aimed at a box, at angles (alpha, psi)."""
     in_alpha, in_psi = (
         (angle >= low) & (angle <= high)
         for angle, low, high in zip((angles.x, angles.y), box[:2], box[2:4], strict=True)
@@ -205,7 +209,7 @@ def _density_in(angles: Any, box: Sequence[Drjit]) -> Drjit:
 BATCHES = 16
 
 
-def batches_of(spp: int) -> int:
+def batch_spp(spp: int) -> int:
     """Return the number of samples per batch for a total of at least ``spp``."""
     return -(-check_spp(spp) // BATCHES)
 
@@ -234,7 +238,7 @@ class Scattering:
         self, scene: Any, number: int, done: Callable[[], None] = lambda: None
     ) -> NDArray[np.float64]:
         """Render one batch; return powers in W, shape (lights, *values)."""
-        seed, samples = seed_of(self.seed, number), batches_of(self.spp)
+        seed, samples = seed_of(self.seed, number), batch_spp(self.spp)
         warn = self.edges is None or number == 0
         exposure = exposed(scene, self.integrator, samples, seed, self.sensor, warn)
         if self.edges is not None:
@@ -245,7 +249,7 @@ class Scattering:
             with illuminated_by(wigner_emitters(scene), light):
                 if self.edges is None:
                     image = exposure.full_image(lambda: None)
-                    check_is_whole(exposure.integrator)
+                    check_is_complete(exposure.integrator)
                     power = mean_of_colours(image).sum()
                 else:
                     ranged = sorted_by_range(scene, camera, integrator, edges, samples, seed)
@@ -262,7 +266,10 @@ def lights_of(scene: Any) -> list[mi.Emitter | None]:
 
 
 def by_source(scene: Any, powers: NDArray[np.float64]) -> tuple[Floats, Floats]:
-    """Return the powers of each coherent source, and of all incoherent lights."""
+    """Divide powers by light into the powers of coherent sources and of all other lights.
+
+    ``powers`` (batches, lights, ...) follow the order of `lights_of`.
+    """
     if len(lights_of(scene)) == len(wigner_emitters(scene)):
         return np.moveaxis(powers, 1, 0), np.zeros_like(powers[:, 0])
     return np.moveaxis(powers[:, 1:] - powers[:, :1], 1, 0), powers[:, 0]

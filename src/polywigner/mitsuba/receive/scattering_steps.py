@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from polywigner.execution import Drjit
 from polywigner.mitsuba.receive.ray_transmission import RayTracer
-from polywigner.mitsuba.scenes.surfaces import Reaches, number_of
+from polywigner.mitsuba.scenes.surfaces import ShapeExtents, number_of
 from polywigner.numerics import Floats
 
 # Random numbers per step: two for a light, three for a direction, one for termination.
@@ -44,7 +44,7 @@ class Paths:
 
     @classmethod
     def along(cls, ray: Drjit, weight: Drjit, zero: Drjit) -> Paths:
-        """Return paths that start along the rays of a receiver."""
+        """Return paths that start along rays of a receiver; ``zero`` is 0 for each ray."""
         active = zero == 0.0
         none = dr.zeros(mi.SurfaceInteraction3f, dr.width(zero))
         throughput = mi.Spectrum(weight) + zero
@@ -59,7 +59,7 @@ class Steps:
         self._meets_lights = meets_lights
         self._context = mi.BSDFContext()
         self._tracer = RayTracer(scene, mi.is_polarized, coherent=False)
-        self._reaches = Reaches(scene)
+        self._extents = ShapeExtents(scene)
 
     def __call__(self, paths: Paths, samples: list[Drjit]) -> tuple[Paths, dict[str, Drjit]]:
         """Return the paths after the next surface, and the values of this step by name."""
@@ -68,28 +68,28 @@ class Steps:
         values = {"is_met": is_met, "t": si.t, "p": si.p, "n": si.n, "d": paths.ray.d}
         values["shape"] = number_of("Shape", si.shape)
         if self._meets_lights:
-            values |= self._met(paths, si)
+            values |= self._lights_hit(paths, si)
         bsdf = si.bsdf()
-        values |= self._sampled(paths, si, bsdf, is_met, mi.Point2f(*samples[:2]))
-        paths, values["is_bounce"] = self._onwards(paths, si, bsdf, is_met, samples[2:])
+        values |= self._sampled_lights(paths, si, bsdf, is_met, mi.Point2f(*samples[:2]))
+        paths, values["is_bounce"] = self._next_paths(paths, si, bsdf, is_met, samples[2:])
         return paths, values
 
-    def _met(self, paths: Paths, si: Drjit) -> dict[str, Drjit]:
-        """Return the lights that rays hit, and their radiance at the receiver."""
+    def _lights_hit(self, paths: Paths, si: Drjit) -> dict[str, Drjit]:
+        """Return the lights that rays hit, and the radiance of each at the receiver."""
         light = si.emitter(self._scene, paths.active)
         direction = mi.DirectionSample3f(self._scene, si, paths.last)
         can_sample = paths.active & (paths.is_smooth ^ True)
         second = self._scene.pdf_emitter_direction(paths.last, direction, can_sample)
         total = paths.density + second
         weight = dr.select(paths.is_smooth, 1.0, paths.density / dr.select(total > 0.0, total, 1.0))
-        value = _brightness(paths.throughput * light.eval(si, paths.active), si)
+        value = _luminance(paths.throughput * light.eval(si, paths.active), si)
         return {
             "met": dr.select(paths.active, value * weight, 0.0),
             "met_light": number_of("Emitter", light),
             "is_met_far": si.is_valid() ^ True,
         }
 
-    def _sampled(
+    def _sampled_lights(
         self, paths: Paths, si: Drjit, bsdf: Drjit, is_met: Drjit, sample: Drjit
     ) -> dict[str, Drjit]:
         """Sample a light; return its radiance at the receiver, distance and direction."""
@@ -106,7 +106,7 @@ class Steps:
             weight = passed * weight
         else:
             balance = balance * passed
-        radiance = _brightness(paths.throughput * value * weight, si) * balance
+        radiance = _luminance(paths.throughput * value * weight, si) * balance
         return {
             "sampled": dr.select(active, radiance, 0.0),
             "light": number_of("Emitter", direction.emitter),
@@ -115,10 +115,13 @@ class Steps:
             "light_d": direction.d,
         }
 
-    def _onwards(
+    def _next_paths(
         self, paths: Paths, si: Drjit, bsdf: Drjit, is_met: Drjit, samples: list[Drjit]
     ) -> tuple[Paths, Drjit]:
-        """Sample new directions; return the paths and a mask of scattered paths."""
+        """Sample new directions at surfaces.
+
+        Return the paths that leave the surfaces, and a mask of the paths that were scattered.
+        """
         direction = mi.Point2f(*samples[1:3])
         sample, weight = bsdf.sample(self._context, si, samples[0], direction, is_met)
         weight = si.to_world_mueller(weight, -sample.wo, si.wi)
@@ -134,7 +137,7 @@ class Steps:
         throughput = throughput * (1.0 / dr.select(survives > 0.0, survives, 1.0))
         smooth = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
         following = Paths(
-            self._reaches.leave(si, si.to_world(sample.wo)),
+            self._extents.ray_from(si, si.to_world(sample.wo)),
             active,
             throughput,
             bounces,
@@ -145,7 +148,8 @@ class Steps:
         return following, is_bounce
 
 
-def _brightness(spectrum: Drjit, si: Drjit) -> Drjit:
+def _luminance(spectrum: Drjit, si: Drjit) -> Drjit:
+    """Return the luminance of a spectrum."""
     value = mi.luminance(mi.unpolarized_spectrum(spectrum), si.wavelengths)
     return value / _CIE_Y if dr.size_v(type(si.wavelengths)) else value
 
@@ -163,6 +167,8 @@ EVENT = np.dtype(
     [
         ("ray", np.int64),  # index of the ray from the receiver
         ("radiance", np.float64),  # radiance along the ray
+        ("power", np.float64),  # power and radiant intensity at the receiver, set by the caller
+        ("intensity", np.float64),
         ("position", np.float64, 3),  # position on the first surface
         ("normal", np.float64, 3),  # normal of the first surface, on the receiver's side
         ("first_shape", np.int64),  # number of the shape of the first surface
@@ -201,12 +207,12 @@ def events_of(
         draws = np.minimum(draws, np.nextafter(np.float32(1.0), np.float32(0.0)))
         paths, values = steps(paths, [mi.Float(column.tolist()) for column in draws.T])
         dr.eval(paths, values)
-        step = {name: _column(value, count) for name, value in values.items()}
-        here, velocity = _arrived(state.copy(), step), speeds
+        step = {name: _host_array(value, count) for name, value in values.items()}
+        here, velocity = _at_surfaces(state.copy(), step), speeds
         if motion is not None:
-            velocity = _looked_up(motion.shapes, step["shape"])
+            velocity = _velocities_of(motion.shapes, step["shape"])
             here.rate += np.vecdot(velocity - speeds, step["d"])
-        yield from _lights(here, step, velocity, motion)
+        yield from _events(here, step, velocity, motion)
         bounced = step["is_bounce"]
         # Null surfaces change only path lengths.
         state.length = here.length
@@ -217,7 +223,8 @@ def events_of(
             return
 
 
-def _arrived(here: Events, step: _Step) -> Events:
+def _at_surfaces(here: Events, step: _Step) -> Events:
+    """Add the distance to the next surface to ``here``, and store the first surface of paths."""
     here.length += np.where(step["is_met"], step["t"], 0.0)
     facing = -np.sign(np.vecdot(step["n"], step["d"]))[:, None]
     is_first = here.bounces == 0
@@ -227,12 +234,13 @@ def _arrived(here: Events, step: _Step) -> Events:
     return here
 
 
-def _lights(here: Events, step: _Step, velocity: Floats, motion: Motion | None) -> Iterator[Events]:
+def _events(here: Events, step: _Step, velocity: Floats, motion: Motion | None) -> Iterator[Events]:
+    """Yield the events of one step at sampled lights, and at lights that rays hit."""
     is_sampled = step["sampled"] != 0.0
     if is_sampled.any():
         event, sampled = here[is_sampled], {name: value[is_sampled] for name, value in step.items()}
         if motion is not None:
-            relative = _looked_up(motion.lights, sampled["light"]) - velocity[is_sampled]
+            relative = _velocities_of(motion.lights, sampled["light"]) - velocity[is_sampled]
             event.rate += np.where(sampled["is_far"], 0.0, np.vecdot(relative, sampled["light_d"]))
         event.radiance, event.light = sampled["sampled"], sampled["light"]
         event.length += np.where(sampled["is_far"], np.inf, sampled["to_light"])
@@ -248,7 +256,7 @@ def _lights(here: Events, step: _Step, velocity: Floats, motion: Motion | None) 
         yield event
 
 
-def _column(value: Drjit, count: int) -> NDArray[Any]:
+def _host_array(value: Drjit, count: int) -> NDArray[Any]:
     """Convert a Dr.Jit array to a NumPy array of shape (n,) or (n, k)."""
     array = np.array(value)
     if array.dtype.kind in "fiu":
@@ -257,7 +265,8 @@ def _column(value: Drjit, count: int) -> NDArray[Any]:
     return np.broadcast_to(array, (count, *array.shape[1:]))
 
 
-def _looked_up(table: dict[int, Floats], numbers: NDArray[np.int64]) -> Floats:
+def _velocities_of(table: dict[int, Floats], numbers: NDArray[np.int64]) -> Floats:
+    """Return the velocities (n, 3) of objects with registry numbers; zero for others."""
     result = np.zeros((len(numbers), 3))
     for number, velocity in table.items():
         result[numbers == number] = velocity

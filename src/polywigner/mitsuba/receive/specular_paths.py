@@ -12,11 +12,12 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.errors import ArgumentError, SceneError
+from polywigner.errors import SceneError
 from polywigner.execution import Drjit
 from polywigner.geometry.silhouettes import Obstacles
 from polywigner.mitsuba.plugins.placement import FacingParts, PlacedSource, facing_parts
-from polywigner.mitsuba.plugins.polariser import to_ludwig_axes
+from polywigner.mitsuba.plugins.polariser import axis_rotation, mueller_matrix
+from polywigner.mitsuba.plugins.registration import scene_errors
 from polywigner.mitsuba.plugins.samplers import Frame, cells_with_field
 from polywigner.mitsuba.receive.ray_transmission import (
     Plane,
@@ -53,6 +54,7 @@ _IN_PLANE = 4 * ROUNDING
 
 
 def _ray_count() -> int:
+    """Return the number of rays between two sources."""
     return 4096 if dr.is_jit_v(mi.Float) else 1024
 
 
@@ -68,6 +70,7 @@ class PassingRays(NamedTuple):
 
     @property
     def power(self) -> Floats:
+        """Mean power transmission including blocked rays, shape (1, 1) or (4, 4)."""
         return np.asarray(self.fractions.sum(axis=0) / _ray_count())
 
     @property
@@ -98,25 +101,21 @@ def passing_rays(
     if not len(points[0]):  # Empty arrays crash Dr.Jit.
         size = 4 if mi.is_polarized else 1
         return PassingRays(points, np.zeros((0, size, size)), [np.eye(3)] * (len(chain) + 1))
-    return PassingRays(points, *traced(scene, points, receiver, emitter, chain, coherent))
+    return PassingRays(points, *trace_rays(scene, points, receiver, emitter, chain, coherent))
 
 
 def _rays_between(
     emitter: PlacedSource, receiver: PlacedSource, chain: Sequence[Mirror]
 ) -> list[Floats]:
-    start = _points_on(emitter, even_points(_ray_count(), 4)[:, :2])
-    return points_by(start, points_on(receiver), chain)
-
-
-def points_on(receiver: PlacedSource) -> Floats:
-    """Return points (n, 3) on a receiver with the density |u|^2."""
-    return _points_on(receiver, even_points(_ray_count(), 4)[:, 2:])
+    """Return the points of rays from an emitter via mirrors to a receiver, as in `points_by`."""
+    return points_by(points_on(emitter, slice(0, 2)), points_on(receiver, slice(2, 4)), chain)
 
 
 def points_by(start: Floats, end: Floats, chain: Sequence[Mirror]) -> list[Floats]:
-    """Return the points of specular rays via the planes of mirrors.
+    """Return the points of specular rays via the planes of mirrors, in m.
 
-    The order of the points is: end, mirrors in reverse order, start.
+    ``start`` and ``end`` are points (n, 3). The order of the result is: end, mirrors in reverse
+    order, start. Rays that miss a plane are omitted.
     """
     images = [start]
     for mirror in chain:
@@ -141,16 +140,17 @@ class CentralPath(NamedTuple):
 
     @classmethod
     def between(
-        cls, facing: PlacedSource, taking: PlacedSource, chain: Sequence[Mirror], rays: PassingRays
+        cls, emitter: PlacedSource, receiver: PlacedSource, chain: Chain, rays: PassingRays
     ) -> CentralPath:
         """Return the path between the centres, or one of the ``rays`` if it misses a mirror."""
-        points = points_by(facing.centre[None], taking.centre[None], chain)
+        points = points_by(emitter.centre[None], receiver.centre[None], chain)
         if not len(points[0]):
             points = rays.points
         return cls(np.array([point[0] for point in reversed(points)]), rays.panes)
 
     @property
     def length(self) -> float:
+        """Length in m."""
         return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
 
     @property
@@ -162,7 +162,10 @@ class CentralPath(NamedTuple):
         return float(np.linalg.norm(across) / math.sqrt(2.0))
 
     def arriving(self, jones: Complex, axes: Floats, chain: Sequence[Mirror] = ()) -> Complex:
-        """Return the electric field at the end for a Jones vector at the start."""
+        """Return the electric field (3,) at the end for a Jones vector at the start.
+
+        ``axes`` (3, 3) are the axes of the source in its columns.
+        """
         steps = np.diff(self.points, axis=0)
         steps /= np.linalg.norm(steps, axis=1)[:, None]
         field = self.panes[0] @ (axes @ (jones @ np.array(ludwig_axes(*(steps[0] @ axes)))))
@@ -195,15 +198,12 @@ def diffracted_ratio(
     bodies = Obstacles([in_frame(body, image.pose, 1.0 / wavelength) for body in bodies_of(meshes)])
     if not bodies.bodies:
         return 1.0
-    try:
-        ends = [
+    with scene_errors("cannot compute the link with diffraction: "):
+        emitting, receiving = (
             radiating_points(end.source, wavelength, end.obliquity, _POINTS_ERROR)
             for end in (image, receiver)
-        ]
-    except ArgumentError as error:
-        raise SceneError(f"cannot compute the link with diffraction: {error}") from None
-    emitting, receiving = ends
-    positions, weights = _receiving(receiving, pose[:3, :3], pose[:3, 3] / wavelength)
+        )
+    positions, weights = _receiving_points(receiving, pose[:3, :3], pose[:3, 3] / wavelength)
     silhouettes = [
         before_plane(part) for part in bodies.silhouettes([p.position for p in emitting])
     ]
@@ -212,12 +212,13 @@ def diffracted_ratio(
     return complex((weights @ with_edges) / (weights @ free))
 
 
-def _receiving(
+def _receiving_points(
     points: Sequence[RadiatingPoint], axes: Floats, origin: Floats
 ) -> tuple[Floats, Complex]:
     """Return positions and complex weights; the receiver receives the weighted sum of the field.
 
-    By reciprocity, a dipole receives the normal derivative of the field, computed as a finite
+    ``axes`` and ``origin`` are the pose of the receiver relative to the emitter, in wavelengths. By
+    reciprocity, a dipole receives the normal derivative of the field, computed as a finite
     difference.
     """
     positions = np.array([p.position for p in points]) @ axes.T + origin
@@ -251,7 +252,7 @@ def unobstructed_rays(
     for k, mirror in enumerate(reversed(chain if len(transmission) else ()), 1):
         before, point, after = rays[k - 1 : k + 2]
         near = [point + _GAP * (before - point), point, point + _GAP * (after - point)]
-        transmission = transmission * traced(scene, near, plain, None, [mirror], coherent)[0]
+        transmission = transmission * trace_rays(scene, near, plain, None, [mirror], coherent)[0]
     return PassingRays(rays, transmission, [np.eye(3)] * (len(chain) + 1))
 
 
@@ -272,20 +273,25 @@ def _unfolded(
                 other = path[leg] if k == leg else path[leg + 1]
                 side = math.copysign(1.0, float(other @ chain[k].normal) - chain[k].offset)
                 plane = side * chain[k].normal, side * chain[k].offset
-                parts = [_in_front(*mesh, *plane) for mesh in parts]
+                parts = [_clipped_mesh(*mesh, *plane) for mesh in parts]
         for mirror in chain[leg:]:
             parts = [(mirror.image_of(p), f[:, ::-1]) for p, f in parts]
         unfolded += [(p, f) for p, f in parts if len(f)]
     return unfolded
 
 
-def _in_front(points: Floats, faces: Any, normal: Floats, offset: float) -> Mesh:
+def _clipped_mesh(points: Floats, faces: Any, normal: Floats, offset: float) -> Mesh:
+    """Return the part of a mesh where ``normal . p > offset``.
+
+    Triangles that cross the plane are cut.
+    """
     height = points @ normal - offset
     height = np.where(np.abs(height) <= _IN_PLANE * np.abs(points).max(initial=1.0), 0.0, height)
     corners, number = list(points), {}
     triangles = []
 
     def cut(a: int, b: int) -> int:
+        """Return the index of the vertex where the edge from a to b meets the plane."""
         a, b = min(a, b), max(a, b)
         if (a, b) not in number:
             number[a, b] = len(corners)
@@ -316,13 +322,19 @@ def even_points(count: int, dimensions: int, shift: float | Floats = 0.5) -> Flo
     return np.asarray((shift + steps) % 1)
 
 
-def _points_on(source: PlacedSource, draws: Floats) -> Floats:
+def points_on(source: PlacedSource, dimensions: slice = slice(2, 4)) -> Floats:
+    """Return quasi-random points (n, 3) on a source with the density |u|^2, in m.
+
+    ``dimensions`` selects two of four quasi-random numbers, so that two sources can use different
+    numbers.
+    """
     cells = cells_with_field(mi, source.source, 1.0)
+    draws = even_points(_ray_count(), 4)[:, dimensions]
     batches = [np.array(cells.sample(draw), np.float64) for (draw,) in point_batches(draws)]
     return source.points(np.concatenate([batch.reshape(2, -1).T for batch in batches]))
 
 
-def traced(
+def trace_rays(
     scene: Any,
     points: list[Floats],
     receiver: PlacedSource,
@@ -341,11 +353,11 @@ def traced(
     unit = receiver.scene_unit
     ends = [receiver] if emitter is None else [receiver, emitter]
     path = [point / unit for point in points]
-    reach = max(float(np.abs(point).max()) for point in path)
-    height = ROUNDING * max(reach, *(end.reach / unit for end in ends))
+    extent = max(float(np.abs(point).max()) for point in path)
+    height = ROUNDING * max(extent, *(end.extent / unit for end in ends))
     for end, k in zip(ends, (0, -1), strict=False):
         path[k] = path[k] + height * end.normal
-    planes = [_plane(mirror, unit, reach, coherent) for mirror in reversed(chain)]
+    planes = [_plane(mirror, unit, extent, coherent) for mirror in reversed(chain)]
     polarised = mi.is_polarized and not coherent
     tracer = RayTracer(scene, polarised, coherent)
     size, count = 4 if polarised else 1, len(path[0])
@@ -354,7 +366,7 @@ def traced(
         result = tracer.trace(receiver.medium, planes, list(rays))
         power = result.fraction
         if polarised:
-            power = _between_axes(result, receiver, emitter, not chain)
+            power = _in_ludwig_axes(result, receiver, emitter, not chain)
         colours = dr.size_v(mi.UnpolarizedSpectrum) if polarised else 1
         powers.append(np.array(power, np.float64).reshape(size, size, colours, -1)[:, :, 0])
         if tracer.changes_fields:
@@ -373,7 +385,7 @@ def traced(
 
 
 def _pane_matrices(result: Transmission, legs: int) -> Floats:
-    """Return the matrices (n, legs, 3, 3) of the panes of each segment."""
+    """Return the matrices of the panes on each of ``legs`` segments, shape (n, legs, 3, 3)."""
     # Segments are missing if all rays miss a mirror.
     columns = result.panes + [result.panes[0]] * (legs - len(result.panes))
     parts = [np.array(part, np.float64).reshape(3, -1) for leg in columns for part in leg]
@@ -381,8 +393,9 @@ def _pane_matrices(result: Transmission, legs: int) -> Floats:
     return np.moveaxis(matrices, -1, 0)
 
 
-def _plane(mirror: Mirror, unit: float, reach: float, coherent: bool) -> Plane:
-    rounding = _IN_PLANE * max(reach, float(np.abs(bounds_of(mirror.shape)).max()))
+def _plane(mirror: Mirror, unit: float, extent: float, coherent: bool) -> Plane:
+    """Return the plane of a mirror in scene units; ``unit`` is the length of a unit in m."""
+    rounding = _IN_PLANE * max(extent, float(np.abs(bounds_of(mirror.shape)).max()))
     normal = mi.Vector3f(*mirror.normal.tolist())
     surfaces = None
     if coherent or bsdfs_in(mirror.shape.bsdf())[-1].class_name() == THIN:
@@ -390,21 +403,28 @@ def _plane(mirror: Mirror, unit: float, reach: float, coherent: bool) -> Plane:
     return Plane(mirror.shape, normal, mirror.offset / unit, rounding, surfaces)
 
 
-def _between_axes(
+def _in_ludwig_axes(
     result: Transmission, receiver: PlacedSource, emitter: PlacedSource | None, is_direct: bool
 ) -> Drjit:
-    frames = [
-        Frame(mi, mi.Transform4f(mi.Matrix4f(end.pose.tolist())), np.zeros(2))
-        for end in (receiver, emitter)
-        if end is not None
-    ]
+    """Convert the Mueller matrices of rays from Mitsuba's axes to Ludwig's axes at both ends.
+
+    Without an emitter, only the axes at the receiver are converted.
+    """
     first, last = result.first, result.last
     if is_direct and emitter is not None:
         # Amplitudes use the polarisation axes of the central ray.
         across = emitter.centre - receiver.centre
         first = last = mi.Vector3f(*(across / np.linalg.norm(across)).tolist())
-    leaves = None if emitter is None else (frames[1], -last)
-    return to_ludwig_axes(mi, result.fraction, (frames[0], first), leaves)
+    rotations = []
+    for end, direction, sign in ((receiver, first, -1.0), (emitter, -last, 1.0)):
+        if end is None:
+            rotations.append(mi.Spectrum(1.0))
+            continue
+        frame = Frame(mi, mi.Transform4f(mi.Matrix4f(end.pose.tolist())), np.zeros(2))
+        c, s = axis_rotation(mi, frame.to_local(direction), frame, sign * direction)
+        entries = {(0, 0): 1, (1, 1): c, (1, 2): s, (2, 1): -sign * s, (2, 2): sign * c, (3, 3): 1}
+        rotations.append(mueller_matrix(mi, entries))
+    return rotations[0] * result.fraction * rotations[1]
 
 
 BLOCKED = "there is no line-of-sight path: obstacles block it (ray test, without diffraction)"

@@ -47,6 +47,7 @@ class Mirror:
     offset: float
 
     def image_of(self, points: Floats) -> Floats:
+        """Return the mirror images of points (..., 3)."""
         height = points @ self.normal - self.offset
         result: Floats = points - 2 * height[..., None] * self.normal
         return result
@@ -89,11 +90,11 @@ def mirrors_in(scene: mi.Scene, unit: float, reflections: int) -> tuple[list[Mir
     notes = []
     if curved:
         notes.append(
-            f"not included: reflections from {_listed(curved)} (curved, or with more than "
+            f"not included: reflections from {_quoted(curved)} (curved, or with more than "
             f"{MOST_FACES} planes)"
         )
     if refracting:
-        notes.append(f"not included: refraction through {_listed(refracting)}")
+        notes.append(f"not included: refraction through {_quoted(refracting)}")
     if mirrors:
         limit = f"paths with more than {reflections} reflection{'' if reflections == 1 else 's'}"
         notes.append(
@@ -103,7 +104,8 @@ def mirrors_in(scene: mi.Scene, unit: float, reflections: int) -> tuple[list[Mir
     return mirrors, notes
 
 
-def _listed(names: list[str]) -> str:
+def _quoted(names: list[str]) -> str:
+    """Return names in quotation marks, separated by commas."""
     return ", ".join(map(repr, names))
 
 
@@ -124,29 +126,30 @@ def chains_of(mirrors: list[Mirror], most: int) -> Iterator[Chain]:
 
 
 def _planes(shape: mi.Shape) -> list[tuple[Floats, float]]:
-    """Return the planes of a shape, or an empty list if it is curved."""
+    """Return the normals and offsets of the planes of a shape, or no planes if it is curved."""
     params = mi.traverse(shape)
     has_faces = "vertex_positions" in params and "faces" in params
-    points, normals = _faces(shape) if has_faces else _centre(shape)
+    points, normals = _corners_and_normals(shape) if has_faces else _centre_and_normal(shape)
     size = max(float(np.abs(points).max(initial=0.0)), 1e-30)
     planes: list[tuple[Floats, float]] = []
     for face_normal, point in zip(normals, points, strict=True):
         normal = np.where(np.abs(face_normal) < _AXIS, 0.0, face_normal)
         normal, offset = normal / np.linalg.norm(normal), float(point @ normal)
-        if not any(_is_same(plane, normal, offset, size) for plane in planes):
+        if not any(_is_same_plane(plane, normal, offset, size) for plane in planes):
             planes.append((normal, offset))
         if len(planes) > MOST_FACES:
             return []
     return planes
 
 
-def _is_same(plane: tuple[Floats, float], normal: Floats, offset: float, size: float) -> bool:
+def _is_same_plane(plane: tuple[Floats, float], normal: Floats, offset: float, size: float) -> bool:
+    """Return whether two planes are equal; ``size`` is the largest coordinate of the shape."""
     sign = np.sign(normal @ plane[0])
     difference = np.abs(normal - sign * plane[0]).max()
     return bool(difference <= _FLAT and abs(offset - sign * plane[1]) <= _FLAT * size)
 
 
-def _faces(shape: mi.Mesh) -> tuple[Floats, Floats]:
+def _corners_and_normals(shape: mi.Mesh) -> tuple[Floats, Floats]:
     """Return a corner and the unit normal of each triangle."""
     a, b, c = np.moveaxis(vertices_of(shape)[faces_of(shape)], 1, 0)
     normals = np.cross(b - a, c - a)
@@ -155,7 +158,7 @@ def _faces(shape: mi.Mesh) -> tuple[Floats, Floats]:
     return a[has_area], normals[has_area] / lengths[has_area, None]
 
 
-def _centre(shape: mi.Shape) -> tuple[Floats, Floats]:
+def _centre_and_normal(shape: mi.Shape) -> tuple[Floats, Floats]:
     """Return the centre and normal of a rectangle or disk, or empty arrays."""
     if shape.class_name() not in ("Rectangle", "Disk"):
         return np.empty((0, 3)), np.empty((0, 3))
@@ -192,24 +195,22 @@ class Surface:
         conductor has the coefficients -1 and +1. The modulus for a sheet is the square root of
         2R/(1 + R), with the reflectance R of one face. The time factor is exp(-i omega t).
         """
-        if self.index is None:
-            return -np.ones_like(cosine, complex), np.ones_like(cosine, complex)
         faces = self._of_one_face(cosine)
         if not self.is_thin:
             return faces
-        powers = [_of_sheet(np.square(np.abs(r))) for r in faces]
+        powers = [_sheet_reflectance(np.square(np.abs(r))) for r in faces]
         across, along = (np.sign(r.real) * np.sqrt(p) for r, p in zip(faces, powers, strict=True))
         return across, along
 
     def reflectance_in_mitsuba(self, cosine: Any) -> Floats:
         """Return the reflectance of Mitsuba's BSDF, which assumes unpolarised light."""
-        faces = self._of_one_face(cosine) if self.index is not None else self.coefficients(cosine)
-        mean = np.mean([np.square(np.abs(r)) for r in faces], axis=0)
-        return _of_sheet(mean) if self.is_thin else mean
+        mean = np.mean([np.square(np.abs(r)) for r in self._of_one_face(cosine)], axis=0)
+        return _sheet_reflectance(mean) if self.is_thin else mean
 
     def _of_one_face(self, cosine: Any) -> tuple[Complex, Complex]:
         """Return the Fresnel coefficients of one interface for s and p polarisation."""
-        assert self.index is not None
+        if self.index is None:
+            return -np.ones_like(cosine, complex), np.ones_like(cosine, complex)
         square = self.index**2
         # A positive imaginary part describes a wave that decays behind the surface.
         behind = np.sqrt(square - 1 + np.square(cosine) + 0j)
@@ -219,12 +220,13 @@ class Surface:
         )
 
 
-def _of_sheet(power: Any) -> Floats:
+def _sheet_reflectance(power: Any) -> Floats:
+    """Return 2R/(1 + R), the reflectance of a thin sheet whose faces have reflectance R."""
     return 2 * power / (1 + power)
 
 
 def surface_of(mirror: Mirror, is_before: bool) -> Surface:
-    """Return the front or back surface of a mirror."""
+    """Return the front surface of a mirror if ``is_before`` is true, otherwise its back surface."""
     nodes = bsdfs_in(mirror.shape.bsdf())
     smooth = [node for node in nodes if node.class_name() in _SURFACES]
     kinds = {node.class_name() for node in nodes}
@@ -237,15 +239,16 @@ def surface_of(mirror: Mirror, is_before: bool) -> Surface:
     bsdf = smooth[0 if is_before else -1]
     params = mi.traverse(bsdf)
     if bsdf.class_name() == _CONDUCTOR:
-        index = complex(*(_single(t.mean()) for t in list(params.hierarchy)[1:3]))
+        index = complex(*(_mean_number(t.mean()) for t in list(params.hierarchy)[1:3]))
         # Mitsuba's perfect conductor has the index 1i.
         return Surface(None if index == 1j else index)
-    ratio = _single(params["eta"])
+    ratio = _mean_number(params["eta"])
     is_inside = not (is_before or _TWO_SIDED in kinds or bsdf.class_name() == THIN)
     return Surface(complex(1 / ratio if is_inside else ratio), bsdf.class_name() == THIN)
 
 
-def _single(value: Any) -> float:
+def _mean_number(value: Any) -> float:
+    """Return the mean of all numbers in a Dr.Jit value."""
     return float(np.ravel(np.array(value, np.float64)).mean())
 
 
@@ -287,6 +290,7 @@ class Body:
         return replace(like, source=square(self.facets.size / 2), pose=pose)
 
     def antenna(self, image: PlacedSource, wavelength: float) -> Antenna:
+        """Return the mirror image of an emitter or receiver as an antenna near the body."""
         pose: Floats = np.asarray(np.linalg.inv(image.pose), np.float64)
         pose[:3, 3] += pose[:3, :3] @ self.facets.centre
         condition: Any = image.obliquity
@@ -299,8 +303,11 @@ class Body:
         corners = self.facets.corners + self.facets.centre
         return bool(((corners - image.pose[:3, 3]) @ image.normal > 0.0).all())
 
-    def doubts(self, wavelength: float, paths: list[Floats]) -> list[str]:
-        """Return notes on the accuracy of the echo for ``paths`` from both ends to the body."""
+    def accuracy_notes(self, wavelength: float, paths: list[Floats]) -> list[str]:
+        """Return notes on the accuracy of the echo.
+
+        ``paths`` contains the points (n, 3) of the paths from both ends to the body, in m.
+        """
         last = [path[-1] - path[-2] for path in paths]
         near, far = min(map(np.linalg.norm, last)), 2 * self.facets.size**2 / wavelength
         notes = []
@@ -338,6 +345,7 @@ Route = Chain | Echo
 
 
 def names_of(route: Route) -> tuple[str, ...]:
+    """Return the names of the mirrors and of the body along a route."""
     if isinstance(route, Echo):
         return (*names_of(route.before), route.body.name, *names_of(route.after))
     return tuple(mirror.name for mirror in route)
@@ -356,6 +364,7 @@ def checked_bodies(bodies: Any) -> tuple[Body, ...]:
 
 
 def _body(name: str, value: Any) -> Body:
+    """Return a body from an item of the argument ``bodies``."""
     bounces = 1
     if isinstance(value, tuple) and len(value) == 2 and isinstance(value[1], int | np.integer):
         value, bounces = value
@@ -382,11 +391,14 @@ def _echoes_of(bodies: Sequence[Body], mirrors: Sequence[Mirror], reflections: i
 
 def routes_in(
     scene: mi.Scene, unit: float, reflections: int, bodies: Sequence[Body] = ()
-) -> tuple[list[Chain], list[Echo], list[str]]:
-    """Return paths via mirrors, paths via bodies, and notes on excluded paths."""
+) -> tuple[list[Route], list[str]]:
+    """Return the routes via mirrors, then via bodies, and notes on excluded routes.
+
+    ``unit`` is the length of a scene unit in m.
+    """
     mirrors, notes = mirrors_in(scene, unit, reflections)
-    chains: list[Chain] = [(), *chains_of(mirrors, reflections)]
-    return chains, _echoes_of(bodies, mirrors, reflections), notes
+    chains = chains_of(mirrors, reflections)
+    return [(), *chains, *_echoes_of(bodies, mirrors, reflections)], notes
 
 
 Result = TypeVar("Result")
@@ -395,10 +407,11 @@ Result = TypeVar("Result")
 def paths_by(
     routes: Iterable[Route], link: str, find: Callable[[Any], tuple[Result, list[str]] | str]
 ) -> tuple[list[Result], list[str]]:
-    """Apply ``find`` to all routes of a link, and return the results and notes.
+    """Apply ``find`` to all routes of a link, and return its results and notes on them.
 
     ``find`` returns a result and its notes, or the reason why no power arrives. Such reasons become
-    notes only for the line of sight and for echoes without mirrors.
+    notes only for the line of sight and for echoes without mirrors. ``link`` names the link in
+    notes.
     """
     results, notes = [], []
     for route in routes:

@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
-from itertools import count
+from itertools import count, permutations
 from typing import Any
 
 import drjit as dr
@@ -53,7 +53,7 @@ class Exposure:
             samples = cut.samples // cut.passes + (index < cut.samples % cut.passes)
             seed = films.seed_of(self.seed, strip * cut.passes + index)
             with films.cropped(self.camera, top, rows), _quietly():
-                image = image + samples / cut.samples * self._rendered(samples, seed)
+                image = image + samples / cut.samples * self._one_pass(samples, seed)
             done()
         return films.checked_finite(np.asarray(image), "values of the image")
 
@@ -63,11 +63,13 @@ class Exposure:
         return np.concatenate(strips).astype(np.float32)
 
     def channels(self) -> int:
+        """Return the number of channels of the image."""
         size = 1 if self.camera.class_name() in films.CAMERAS else self.cut.height
         with films.cropped(self.camera, 0, size, size), _quietly():
-            return int(self._rendered(1, 0).shape[-1])
+            return int(self._one_pass(1, 0).shape[-1])
 
-    def _rendered(self, spp: int, seed: int) -> Floats:
+    def _one_pass(self, spp: int, seed: int) -> Floats:
+        """Render the cropped film, shape (rows, columns, channels)."""
         scene, camera, integrator = self.scene, self.camera, self.integrator
         factor, lights = films.fineness(camera, spp), scene.emitters()
         # Dr.Jit cannot record loops over a single sample that contain literals, such as zeros of
@@ -85,7 +87,7 @@ class Exposure:
 _DELTA = mi.EmitterFlags.DeltaPosition, mi.EmitterFlags.DeltaDirection
 
 
-def check_is_whole(integrator: mi.Integrator) -> None:
+def check_is_complete(integrator: mi.Integrator) -> None:
     """Raise StoreError if a render has been interrupted."""
     if integrator.should_stop():
         raise StoreError(
@@ -96,7 +98,7 @@ def check_is_whole(integrator: mi.Integrator) -> None:
 
 def _quietly() -> AbstractContextManager[None]:
     """Suppress the log of scalar variants, which reports each negative sample."""
-    return nullcontext() if dr.is_jit_v(mi.Float) else films.silent()
+    return nullcontext() if dr.is_jit_v(mi.Float) else films.log_only_to()
 
 
 # Class names of integrators whose shadow rays pass through null surfaces.
@@ -106,19 +108,17 @@ _TRANSPARENT = ("Volumetric", "Volpath")
 def may_shadow(scene: mi.Scene) -> bool:
     """Return whether the surface of a source may block another source or light."""
     lights = [emitter for emitter in scene.emitters() if not emitter.is_environment()]
-    for number, source in enumerate(lights):
-        if not surfaces.is_source(source) or not source.spec.visible:
-            continue
-        shape = source.get_shape()
-        others = lights[:number] + lights[number + 1 :]
-        if mi.has_flag(shape.bsdf().flags(), mi.BSDFFlags.Null) and any(
-            _shines_on(other, surfaces.vertices_of(shape)) for other in others
-        ):
-            return True
-    return False
+    return any(
+        surfaces.is_source(source)
+        and source.spec.visible
+        and mi.has_flag(source.get_shape().bsdf().flags(), mi.BSDFFlags.Null)
+        and _shines_on(other, surfaces.vertices_of(source.get_shape()))
+        for source, other in permutations(lights, 2)
+    )
 
 
 def _shines_on(light: mi.Emitter, points: Floats) -> bool:
+    """Return whether a light radiates towards one of the points (n, 3)."""
     if not surfaces.is_source(light):
         return True
     pose = np.array(surfaces.matrix_of(light.to_world))
@@ -151,10 +151,12 @@ def default_integrator(scene: mi.Scene) -> str:
 
 
 def default_spp(scene: mi.Scene, sensor: int = 0) -> int:
+    """Return the number of samples per pixel of a sensor's sampler."""
     return films.check_spp(_camera(scene, sensor).sampler().sample_count())
 
 
 def _camera(scene: mi.Scene, number: int) -> mi.Sensor:
+    """Return a sensor of a scene; raise an error unless it exists and has pixels."""
     sensors = surfaces.sensors_of(scene)
     if not sensors:
         raise SceneError("the scene has no <sensor>; add a sensor with a film")
@@ -199,6 +201,7 @@ def _integrator(scene: mi.Scene, integrator: Any) -> tuple[mi.Integrator, mi.Int
 
 
 def _warn_of_shadows(scene: mi.Scene, integrator: mi.Integrator) -> None:
+    """Warn if an integrator loses light that passes the surface of a source."""
     # Integrators written in Python have the same C++ class name.
     names = integrator.class_name() + type(integrator).__name__
     if may_shadow(scene) and not any(name in names for name in _TRANSPARENT):
@@ -312,7 +315,7 @@ def with_delta_lights(exposure: Exposure, image: Image) -> Image:
     depth = films.depths_of(method)["max_depth"]
     if depth == 0 or not any(name in names for name in _OF_RADIANCE):
         return image
-    receiver = placed_receiver(camera, 0).touching(scene)
+    receiver = placed_receiver(scene, camera, 0)
     most = _MOST_MIRRORS if depth < 0 else min(_MOST_MIRRORS, depth - 1)
     mirrors, _ = mirrors_in(scene, receiver.scene_unit, most)
     result = image.astype(np.float64)
@@ -333,7 +336,7 @@ _HIDDEN_SCALE = 1e-3
 
 @contextmanager
 def hide_emitters(scene: mi.Scene) -> Iterator[None]:
-    """Hide coherent sources, which still illuminate the scene."""
+    """Hide coherent sources within a ``with`` block; they still illuminate the scene."""
     sources = surfaces.wigner_emitters(scene)
     null = mi.BSDFFlags.Null
     visible = [source.get_shape() for source in sources if source.spec.visible]
@@ -344,16 +347,19 @@ def hide_emitters(scene: mi.Scene) -> Iterator[None]:
     # Visible sources check the position of their mesh, so they are hidden first.
     with films.changed([(s, "spec", replace(s.spec, visible=False)) for s in sources]):
         try:
-            _move(scene, shapes, shrunk)
+            _move_vertices(scene, shapes, shrunk)
             yield
         finally:
-            _move(scene, shapes, corners)
+            _move_vertices(scene, shapes, corners)
 
 
 def polarised_by_default(
     scene: mi.Scene, polarisation: Complex | None
 ) -> AbstractContextManager[None]:
-    """Set the Jones vector of sources and receivers whose polarisation is not specified."""
+    """Set the polarisation of sources and receivers without one within a ``with`` block.
+
+    ``polarisation`` is a Jones vector; None changes nothing.
+    """
     changes: list[tuple[Any, str, Any]] = []
     if polarisation is not None and mi.is_polarized:
         sensors = [sensor for _, sensor in surfaces.receivers_of(scene)]
@@ -365,12 +371,13 @@ def polarised_by_default(
 
 
 def illuminated_by(sources: Sequence[Any], active: Any) -> AbstractContextManager[None]:
-    """Set the power of all sources except ``active`` to zero."""
+    """Set the power of all sources except ``active`` to zero within a ``with`` block."""
     others = [source for source in sources if source is not active]
     return films.changed([(source, "power", source.adjustable(0.0)) for source in others])
 
 
-def _move(scene: mi.Scene, shapes: list[mi.Mesh], corners: list[Floats]) -> None:
+def _move_vertices(scene: mi.Scene, shapes: list[mi.Mesh], corners: list[Floats]) -> None:
+    """Set the vertices (n, 3) of each mesh, and update the scene."""
     for shape, points in zip(shapes, corners, strict=True):
         set_mesh(shape, vertex_positions=points)
     scene.parameters_changed([])  # Updates the surfaces that rays hit.

@@ -28,9 +28,9 @@ from polywigner.mitsuba.plugins.registration import (
 from polywigner.mitsuba.radar.range_profile import checked_ranges, received_by_range
 from polywigner.mitsuba.receive.power_results import ReceivedPower, ReceiveOptions
 from polywigner.mitsuba.receive.received_power import received, scattered_here
-from polywigner.mitsuba.receive.scattered import BATCHES, Scattering, aimed, batches_of, lights_of
+from polywigner.mitsuba.receive.scattered import BATCHES, Scattering, aimed, batch_spp, lights_of
 from polywigner.mitsuba.scenes.rendering import (
-    check_is_whole,
+    check_is_complete,
     exposed,
     hide_emitters,
     with_delta_lights,
@@ -58,9 +58,11 @@ class SceneParts:
         self.sources = [registered_source(text) for text in texts if is_key(text)]
 
     def __getstate__(self) -> dict[str, Any]:
+        """Return the state for other processes, which load the scene again."""
         return {**self.__dict__, "scene": None}
 
     def __call__(self, origin: Index, shape: Index) -> npt.NDArray[np.float64]:
+        """Return the part of the result that starts at the index ``origin``."""
         if self.scene is None:
             choose_variant(self.file.variant)
             # Keys of sources in memory are valid in one process only.
@@ -201,10 +203,11 @@ def render_parts(
 def strip(
     cut: Tiling, options: Mapping[str, Any], scene: Any, origin: Index
 ) -> npt.NDArray[np.float64]:
+    """Render the strip of an image that starts at the row ``origin[0]``."""
     # The first process has already issued the warnings.
     exposure = exposed(scene, **options, warn=False)
     image = replace(exposure, cut=cut).image(origin[0] // cut.rows)
-    check_is_whole(exposure.integrator)
+    check_is_complete(exposure.integrator)
     return image
 
 
@@ -242,7 +245,7 @@ def _sampled(
     shape = (len(plans), BATCHES, *counts)
     sizes = dict(zip(("receiver", "batch", "light", "path"), shape, strict=False))
     settings = {"integrator": first.integrator, "seed": first.seed}
-    settings |= {"spp": [batches_of(plan.spp) for plan in plans]}
+    settings |= {"spp": [batch_spp(plan.spp) for plan in plans]}
     if first.edges is not None:
         settings["ranges"] = list(first.edges)
     parts = SceneParts(file, scene, partial(_batch, plans))
@@ -250,6 +253,7 @@ def _sampled(
 
 
 def _batch(plans: Sequence[Scattering], scene: Any, origin: Index) -> npt.NDArray[np.float64]:
+    """Render the batch of scattered light with the index ``origin``: receiver, batch, ..."""
     receiver, batch, *_ = origin
     with hide_emitters(scene), aimed(scene):
         return plans[receiver].batch(scene, batch)[None, None]

@@ -173,6 +173,7 @@ class SceneFile:
         checked_flag(self.diffraction, "diffraction")
 
     def load(self) -> mi.Scene:
+        """Load the scene; raise SceneError if the file does not exist."""
         if self.path is None or not self.path.is_file():
             raise SceneError(f"the scene file {str(self.path)!r} does not exist or is not a file")
         return _load(self, {})
@@ -180,6 +181,7 @@ class SceneFile:
 
 @one_at_a_time
 def _load(how: SceneFile, entries: dict[str, Any]) -> mi.Scene:
+    """Load a scene from the file ``how.path``, or from a dictionary of ``entries``."""
     if how.variant is not None or mi.variant() is None:
         mi.set_variant(choose_variant(how.variant))
     register()
@@ -271,12 +273,14 @@ def _translated(error: Exception, state: mi.parser.ParserState | None) -> Polywi
 
 
 def _file_names_at(state: mi.parser.ParserState, location: str) -> list[str]:
+    """Return the values of ``filename`` at a location in the parser's description."""
     nodes = [node for node in state.nodes if mi.parser.file_location(state, node) == location]
     copies = [mi.Properties(node.props) for node in nodes]
     return [str(props["filename"]) for props in copies if "filename" in props]
 
 
 def _printable(text: str) -> str:
+    """Return a text shortened to one message, without unprintable characters."""
     short = text[:_LONGEST_MESSAGE] + ("..." if text[_LONGEST_MESSAGE:] else "")
     return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in short)
 
@@ -284,6 +288,7 @@ def _printable(text: str) -> str:
 def _instantiate(
     config: mi.parser.ParserConfig, state: mi.parser.ParserState, how: SceneFile
 ) -> mi.Object:
+    """Apply the options of a scene file to parsed nodes, and create the scene."""
     mi.parser.transform_upgrade(config, state)
     mi.parser.transform_resolve(config, state)
     for node in state.nodes:
@@ -315,6 +320,7 @@ _DEEPEST_INCLUDE = 15
 
 @contextmanager
 def _resolver(resolver: mi.FileResolver) -> Iterator[None]:
+    """Replace Mitsuba's file resolver within a ``with`` block."""
     outer = mi.file_resolver()
     mi.set_file_resolver(resolver)
     try:
@@ -374,6 +380,7 @@ def _parsed(
 
 
 def _check_type(name: str) -> None:
+    """Raise FileFormatError unless a plugin type is known and permitted."""
     is_known = name in _INTEGRATORS
     if not is_known and re.fullmatch(r"\w+", name):
         resolver = mi.FileResolver()
@@ -420,7 +427,7 @@ class _CheckedFiles:
         content = bytes_of(file, LARGEST_SCENE)
         self.paths.add(file.resolve())
         for element in _root_of(text_of(content)).iter():
-            attributes = {name: self._filled(text) for name, text in element.items()}
+            attributes = {name: self._with_parameters(text) for name, text in element.items()}
             name = attributes.get("filename")
             if element.tag == "path":
                 raise FileFormatError(
@@ -435,7 +442,8 @@ class _CheckedFiles:
                 if element.tag == "include" and path is not None:
                     self.add_xml(path, level + 1)
 
-    def _filled(self, text: str) -> str:
+    def _with_parameters(self, text: str) -> str:
+        """Return a text with the values of its ``$parameters``."""
         for name in sorted(self.values, key=len, reverse=True) if "$" in text else ():
             text = text.replace(f"${name}", self.values[name])
             check_bytes(len(text), LARGEST_SCENE, "text after substitution of $parameters")
@@ -451,6 +459,7 @@ def _resolved(name: str) -> Path | None:
 
 
 def _root_of(text: str) -> Element:
+    """Return the root element of XML; raise FileFormatError for invalid or unsafe XML."""
     try:
         return fromstring(text, forbid_dtd=True)
     except DefusedXmlException:

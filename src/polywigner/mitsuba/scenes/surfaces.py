@@ -38,6 +38,7 @@ _Key = tuple[str, list[float], str]
 
 
 def _emitter_key(emitter: mi.Emitter) -> _Key:
+    """Return the key that sorts an emitter."""
     shape = emitter.get_shape()
     if shape is None:
         return emitter.id(), [], str(emitter)
@@ -45,6 +46,7 @@ def _emitter_key(emitter: mi.Emitter) -> _Key:
 
 
 def _shape_key(shape: mi.Shape) -> _Key:
+    """Return the key that sorts a shape: its id, then its pose or bounds."""
     emitter = shape.emitter()
     # `hide_emitters` changes the bounds of source meshes, but not the poses of the sources.
     if hasattr(emitter, "spec"):
@@ -53,18 +55,22 @@ def _shape_key(shape: mi.Shape) -> _Key:
 
 
 def is_source(emitter: mi.Emitter) -> bool:
+    """Return whether an emitter belongs to a ``wigner`` shape."""
     return getattr(type(emitter), "is_wigner", False)
 
 
 def wigner_emitters(scene: mi.Scene) -> list[mi.Emitter]:
+    """Return the emitters of the ``wigner`` shapes of a scene, sorted by shape id."""
     return list(filter(is_source, sorted_emitters(scene)))
 
 
 def is_receiver(sensor: mi.Sensor) -> bool:
+    """Return whether a sensor is a ``wigner_receiver``."""
     return getattr(type(sensor), "is_wigner_receiver", False)
 
 
 def sensors_of(scene: Any) -> list[mi.Sensor]:
+    """Return the sensors of a scene; raise ArgumentError for other objects."""
     if not hasattr(scene, "sensors"):
         raise ArgumentError(
             f"expected scene to be a mi.Scene, got {type(scene).__name__}; create one with "
@@ -85,6 +91,7 @@ def receivers_of(scene: mi.Scene) -> list[tuple[int, mi.Sensor]]:
 
 
 def children_of(node: mi.Object) -> list[mi.Object]:
+    """Return the objects that are nested directly in an object of Mitsuba."""
     children: list[mi.Object] = []
 
     class Callback(mi.TraversalCallback):  # The base class depends on the current variant.
@@ -128,7 +135,7 @@ PLACE_ERROR = 5e-7
 _FLAT = ("Rectangle", "Disk", "Instance")
 
 
-def reach_at(scene: mi.Scene, corners: Floats) -> float:
+def extent_near(scene: mi.Scene, corners: Floats) -> float:
     """Return the largest coordinate of a source and of adjacent flat surfaces, in scene units.
 
     ``corners`` (n, 3) are the corners of the source.
@@ -144,11 +151,12 @@ def reach_at(scene: mi.Scene, corners: Floats) -> float:
         if shape.class_name() in _FLAT:
             result = max(result, float(size))
         elif shape.is_mesh():
-            result = max(result, _reach_of_triangles(shape, low - slack, high + slack))
+            result = max(result, _largest_coordinate_in_box(shape, low - slack, high + slack))
     return result
 
 
-def _reach_of_triangles(mesh: mi.Mesh, low: Floats, high: Floats) -> float:
+def _largest_coordinate_in_box(mesh: mi.Mesh, low: Floats, high: Floats) -> float:
+    """Return the largest coordinate of the triangles that meet a box."""
     corners = vertices_of(mesh)[faces_of(mesh)]
     meets = (corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)
     return float(np.abs(corners[meets.all(axis=1)]).max(initial=0.0))
@@ -163,18 +171,19 @@ def bounds_of(shape: mi.Shape) -> Floats:
     return np.array([box.min, box.max], np.float64) if box.valid() else np.zeros((2, 3))
 
 
-def largest(point: Drjit) -> Drjit:
+def largest_coordinate(point: Drjit) -> Drjit:
+    """Return the largest modulus of the coordinates of a point."""
     return dr.max(dr.abs(point))
 
 
-def shadow_end(it: mi.Interaction3f, end: Drjit, normal: Drjit, reach: Drjit) -> Drjit:
+def shadow_end(it: mi.Interaction3f, end: Drjit, normal: Drjit, extent: Drjit) -> Drjit:
     """Return a point for ``spawn_ray_to`` such that the shortened shadow ray ends at ``end``.
 
-    ``reach`` is the largest coordinate of the source, as in :func:`reach_at`, and ``normal`` its
-    unit normal.
+    ``extent`` is the largest coordinate of the source and of adjacent surfaces, and ``normal`` the
+    unit normal of the source.
     """
     p = dr.detach(it.p)
-    short = end + normal * (ROUNDING * (largest(p) + reach))
+    short = end + normal * (ROUNDING * (largest_coordinate(p) + extent))
     # Without a normal, Mitsuba does not offset the start of the ray.
     start = it.spawn_ray_to(short).o if dr.width(it.n) else p
     longer = 1.0 / (1.0 - float(mi.math.ShadowEpsilon))
@@ -189,36 +198,36 @@ def number_of(kind: str, thing: Any) -> Drjit:
     return dr.reinterpret_array(mi.UInt32, getattr(mi, f"{kind}Ptr")(thing))
 
 
-class Reaches:
+class ShapeExtents:
     """Largest coordinates of the shapes of a scene, which limit the precision of hits."""
 
     def __init__(self, scene: mi.Scene) -> None:
-        self._table: Any = None
-        self._sizes: dict[int, float] = {}
         shapes = scene.shapes()
-        if dr.is_jit_v(mi.Float) and shapes:
-            numbers = [int(number_of("Shape", shape)[0]) for shape in shapes]
-            self._last = max(numbers)
-            sizes = np.zeros(self._last + 1)
-            sizes[numbers] = [np.abs(bounds_of(shape)).max() for shape in shapes]
-            self._table = mi.Float(sizes.tolist())
+        sizes = [float(np.abs(bounds_of(shape)).max()) for shape in shapes]
+        if not dr.is_jit_v(mi.Float):
+            self._sizes = {id(shape): size for shape, size in zip(shapes, sizes, strict=True)}
+            return
+        numbers = [int(number_of("Shape", shape)[0]) for shape in shapes]
+        self._last = max(numbers, default=0)
+        table = np.zeros(self._last + 1)
+        table[numbers] = sizes
+        self._table = mi.Float(table.tolist())
 
     def at(self, si: mi.SurfaceInteraction3f) -> Drjit:
         """Return the largest coordinate of an intersection point and of its shape."""
-        result = largest(si.p)
+        result = largest_coordinate(si.p)
         if not dr.is_jit_v(mi.Float):
-            key = id(si.shape)
-            if key not in self._sizes:
-                self._sizes[key] = float(np.abs(bounds_of(si.shape)).max())
-            return max(result, self._sizes[key])
-        if self._table is None:
-            return result
+            return max(result, self._sizes.get(id(si.shape), 0.0))
         number = number_of("Shape", si.shape)
-        # Instances have higher registry numbers.
+        # Shapes of instances have higher registry numbers.
         size = dr.gather(mi.Float, self._table, number, number <= self._last)
         return dr.select(size > result, size, result)
 
-    def leave(self, si: mi.SurfaceInteraction3f, direction: Drjit) -> mi.Ray3f:
+    def ray_from(self, si: mi.SurfaceInteraction3f, direction: Drjit) -> mi.Ray3f:
+        """Return a ray that starts just off a surface.
+
+        The distance from the surface exceeds the rounding error of the intersection.
+        """
         height = ROUNDING * self.at(si)
         side = dr.mulsign(mi.Vector3f(si.n), dr.dot(si.n, direction))
         return mi.Ray3f(si.p + side * height, direction, si.time, si.wavelengths)
@@ -238,6 +247,11 @@ _TRANSPARENT = int(mi.BSDFFlags.Null) | int(mi.BSDFFlags.Transmission)
 
 
 def meshes_in(scene: mi.Scene, wavelength: float) -> Iterator[tuple[Floats, Indices]]:
+    """Yield vertices (n, 3) and faces (t, 3) of the opaque shapes of a scene, in scene units.
+
+    Curved shapes are divided into triangles with errors of 0.01 ``wavelength``, also in scene
+    units. Raises SceneError for too many faces and for shapes that cannot be converted to meshes.
+    """
     groups = {
         shape.id(): children_of(shape)
         for shape in children_of(scene)
@@ -258,6 +272,10 @@ def meshes_in(scene: mi.Scene, wavelength: float) -> Iterator[tuple[Floats, Indi
 def _triangles(
     shape: mi.Shape, groups: dict[str, list[Any]], wavelength: float
 ) -> Iterator[tuple[Floats, Indices]]:
+    """Yield vertices (n, 3) and faces (t, 3) of an opaque shape, or of the shapes of an instance.
+
+    ``groups`` contains the members of shape groups by id.
+    """
     params = mi.traverse(shape)
     if shape.class_name() == "Instance":
         name = str(shape).split('name = "', 1)[1].rsplit('",\n    prim_count', 1)[0]
@@ -285,15 +303,22 @@ def _triangles(
 
 
 def _rectangle(_: float) -> tuple[Floats, Indices]:
+    """Return vertices and faces of the square from -1 to 1."""
     corners = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
     return corners, np.array([[0, 1, 2], [0, 2, 3]])
 
 
 def _chords(radius: float) -> int:
+    """Return the number of chords around a circle with a radius in wavelengths."""
     return int(np.clip(math.pi * math.sqrt(0.5 * radius / _SAGITTA), 32, _MOST_CHORDS))
 
 
 def _revolved(profile: Any, radius: float) -> tuple[Floats, Indices]:
+    """Return vertices and faces of a profile that is rotated about the z axis.
+
+    ``profile`` contains pairs of a radius and a height, and ``radius`` in wavelengths determines
+    the number of chords.
+    """
     count = _chords(radius)
     angles = np.linspace(0.0, 2.0 * math.pi, count, endpoint=False)
     rim = np.column_stack([np.cos(angles), np.sin(angles), np.ones(count)])
@@ -323,20 +348,34 @@ _SHAPES: dict[str, Callable[[float], tuple[Floats, Indices]]] = {
 
 def _bodies(points: Floats, faces: Indices) -> list[Obstacle]:
     """Return the connected parts of a mesh, after merging equal vertices."""
+    points, parts = connected_parts(points, faces)
+    bodies = []
+    for part in parts:
+        used, corners = np.unique(part, return_inverse=True)
+        bodies.append(_body(points[used], corners.reshape(-1, 3)))
+    return bodies
+
+
+def connected_parts(points: Floats, faces: Indices) -> tuple[Floats, list[Indices]]:
+    """Return the distinct vertices of a mesh, and the faces (t, 3) of each connected part.
+
+    Faces without an area are omitted.
+    """
+    # Meshes with normals contain the same vertex several times.
     points, number = np.unique(points, axis=0, return_inverse=True)
     faces = number.reshape(-1)[faces]
-    a, b, c = np.moveaxis(points[faces], 1, 0)
-    normals = np.cross(b - a, c - a)
-    has_area = np.linalg.norm(normals, axis=1) > 0.0
-    faces, normals = faces[has_area], normals[has_area]
+    faces = faces[np.linalg.norm(_normals_of(points, faces), axis=1) > 0.0]
     a, b, c = faces.T
     part = connected(len(points), np.append(a, a), np.append(b, c))[a]
-    bodies = []
     order = np.argsort(part, kind="stable")
-    for rows in np.split(order, np.flatnonzero(np.diff(part[order])) + 1) if len(part) else ():
-        used, corners = np.unique(faces[rows], return_inverse=True)
-        bodies.append(_body(points[used], corners.reshape(-1, 3), normals[rows]))
-    return bodies
+    ends = np.flatnonzero(np.diff(part[order])) + 1
+    return points, np.split(faces[order], ends) if len(faces) else []
+
+
+def _normals_of(points: Floats, faces: Indices) -> Floats:
+    """Return the normals of triangles, whose lengths are twice the areas, shape (t, 3)."""
+    a, b, c = np.moveaxis(points[faces], 1, 0)
+    return np.cross(b - a, c - a)
 
 
 def bodies_of(meshes: Iterable[tuple[Floats, Indices]]) -> list[Obstacle]:
@@ -344,8 +383,9 @@ def bodies_of(meshes: Iterable[tuple[Floats, Indices]]) -> list[Obstacle]:
     return [body for mesh in meshes for body in _bodies(*mesh)]
 
 
-def _body(points: Floats, faces: Indices, normals: Floats) -> Obstacle:
-    count = len(points)
+def _body(points: Floats, faces: Indices) -> Obstacle:
+    """Return a connected mesh as an obstacle, with outward normals if it is closed."""
+    count, normals = len(points), _normals_of(points, faces)
     directed = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)])
     forth, back = directed @ [count, 1], directed @ [1, count]
     is_solid = len(np.unique(forth)) == len(forth) and np.array_equal(np.sort(forth), np.sort(back))
@@ -361,7 +401,7 @@ def _body(points: Floats, faces: Indices, normals: Floats) -> Obstacle:
     inner = points - points.mean(axis=0)
     # The normals of a body point inwards if its signed volume is negative.
     if np.einsum("tk,tk->", inner[faces[:, 0]], normals) < 0.0:
-        return _body(points, faces[:, ::-1], -normals)
+        return _body(points, faces[:, ::-1])
     convex = is_convex(points, faces, normals, _FLATNESS)
     return Obstacle(points, faces, owner, normals[first], True, convex)
 
@@ -377,7 +417,7 @@ def in_frame(body: Obstacle, pose: Floats, scale: float) -> Obstacle:
 
 
 def before_plane(silhouette: Silhouette) -> Silhouette:
-    """Return the edges of a silhouette in front of the source plane."""
+    """Return the edges of a silhouette in front of the plane z = 0 of the source."""
     start, end = np.moveaxis(silhouette.edges, 1, 0)
     low, high = start[:, 2] - BEHIND, end[:, 2] - BEHIND
     with np.errstate(divide="ignore", invalid="ignore"):
