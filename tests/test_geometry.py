@@ -171,6 +171,11 @@ def test_a_hole_may_touch_the_outer_edge_in_a_point_at_any_angle(angle):
     assert len(aperture.rings) == 2
 
 
+def test_subnormal_coordinates_count_as_zero():
+    """A rotation by a subnormal angle has such vertices."""
+    assert Aperture(rotated(square_at(0, 0), 5e-324)) == Aperture(square_at(0, 0))
+
+
 @pytest.mark.parametrize("aspect", [1e-3, 1e-12])
 @pytest.mark.parametrize("size", [1e-6, 1e3])
 def test_slivers_are_apertures(aspect, size):

@@ -93,7 +93,11 @@ class MissingExtraError(PolywignerError, ImportError):
 
 
 def missing_extra(library: str, extra: str, purpose: str = "", got: str = "none") -> Exception:
-    """Return the error for a missing library; ``purpose``: for example "reads SVG files"."""
+    """Return the error for a library that is not installed.
+
+    ``extra``: the extra of polywigner that contains the library. ``purpose``: for example "reads
+    SVG files". ``got``: what is installed instead.
+    """
     clause = f", which {purpose}" if purpose else ""
     return MissingExtraError(
         f"expected {library} to be installed{clause}, got {got}; run {install_command(extra)}"

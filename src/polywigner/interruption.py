@@ -40,6 +40,10 @@ def temporary_folder() -> TemporaryDirectory[str]:
 
 
 def _replace_folder(scratch: Path, path: Path) -> None:
+    """Move the folder ``scratch`` to ``path``, and remove the earlier folder there.
+
+    If an exception occurs, the earlier folder is restored.
+    """
     old = scratch.with_name(f"{scratch.name}.old")
     path.rename(old)
     try:
@@ -53,6 +57,7 @@ def _replace_folder(scratch: Path, path: Path) -> None:
 
 
 def _remove(path: Path) -> None:
+    """Remove a file or a folder with its content, if it exists."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
     else:

@@ -131,7 +131,7 @@ def prepare(*, refresh: bool = False) -> LLVMStatus:
             if "drjit" in sys.modules:
                 _status = _status_of_loaded_drjit()
             else:
-                _status = _select()
+                _status = _find_usable_library()
                 os.environ[LIBRARY_VARIABLE] = _status.path or NONE_USABLE
         return _status
 
@@ -159,7 +159,7 @@ def require_drjit() -> LLVMStatus:
 
 @contextlib.contextmanager
 def _silent_stderr() -> Iterator[None]:
-    """Discard messages of Dr.Jit's C++ code."""
+    """Discard the standard error output of the process, which contains messages of Dr.Jit."""
     sys.stderr.flush()
     saved = os.dup(2)
     try:
@@ -171,7 +171,8 @@ def _silent_stderr() -> Iterator[None]:
         os.close(saved)
 
 
-def _select() -> LLVMStatus:
+def _find_usable_library() -> LLVMStatus:
+    """Return the status with the first usable library, or with the reason if there is none."""
     # Some wheels do not need libatomic, so an import decides.
     if not _has_libatomic() and run_in_child("import drjit").returncode != 0:
         return LLVMStatus(
@@ -196,10 +197,12 @@ def _select() -> LLVMStatus:
 
 
 def is_switched_off() -> bool:
+    """Return whether the environment variable POLYWIGNER_NO_LLVM switches LLVM off."""
     return os.environ.get(OFF_VARIABLE, "") not in ("", "0")
 
 
 def _has_libatomic() -> bool:
+    """Return whether the library libatomic can be loaded; always true except on Linux."""
     if sys.platform != "linux":
         return True
     try:
@@ -210,6 +213,7 @@ def _has_libatomic() -> bool:
 
 
 def _status_of_loaded_drjit() -> LLVMStatus:
+    """Return the status of the LLVM library that an imported Dr.Jit uses."""
     if is_switched_off():
         return _OFF
     drjit: Any = sys.modules["drjit"]
@@ -228,6 +232,7 @@ def _status_of_loaded_drjit() -> LLVMStatus:
 
 
 def _remedy() -> str:
+    """Return advice on how to install LLVM on this computer."""
     if shutil.which("apt-get"):
         return "Run `polywigner doctor --install-llvm` to install one."
     return (
@@ -237,7 +242,7 @@ def _remedy() -> str:
 
 
 def libraries() -> list[str]:
-    """Return the paths of distinct LLVM libraries, in the order of their tests."""
+    """Return the paths of the LLVM libraries on this computer, in the order of their tests."""
     named = os.environ.get(LIBRARY_VARIABLE, "")
     environment = [f"{glob.escape(sys.prefix)}/{pattern}" for pattern in _ENVIRONMENT_LIBRARIES]
     paths = [
@@ -252,6 +257,7 @@ def libraries() -> list[str]:
 
 
 def _newest_first(patterns: Iterable[str]) -> list[str]:
+    """Return the paths that match glob patterns, in descending order of their LLVM versions."""
     paths = sorted(path for pattern in patterns for path in glob.glob(pattern))  # noqa: PTH207
     return sorted(paths, key=lambda path: version_of_name(path) or (), reverse=True)
 
@@ -281,14 +287,14 @@ def probe(path: str) -> tuple[str | None, str | None]:
     if version is not None and version[0] < OLDEST_VERSION:
         text = ".".join(str(number) for number in version)
         return text, f"LLVM {text} is too old; {OLDEST_VERSION} or newer is required"
-    cache = _cache_of(path)
+    cache = _cache_path(path)
     with contextlib.suppress(OSError, ValueError, LookupError):
         content = json.loads(cache.read_bytes())
         return content["version"], content["problem"]
     child = run_in_child(_KERNELS, library=path)
     is_usable = child.returncode == 0
     tested = child.stdout.split()[-1] if is_usable else None
-    problem = None if is_usable else _first_complaint(child)
+    problem = None if is_usable else _failure_reason(child)
     if is_usable or child.returncode in _CRASHES:
         # Other failures, such as missing dependencies, may be repaired later.
         with contextlib.suppress(OSError), atomic_path(cache) as scratch:
@@ -297,7 +303,11 @@ def probe(path: str) -> tuple[str | None, str | None]:
     return tested, problem
 
 
-def _cache_of(path: str) -> Path:
+def _cache_path(path: str) -> Path:
+    """Return the path of the file that caches the test result of a library.
+
+    The name changes with the library, with Dr.Jit, and with the computer.
+    """
     spec = importlib.util.find_spec("drjit")
     facts: list[Any] = [_KERNELS, sys.implementation.cache_tag, platform.node()]
     for file in (os.path.realpath(path), str(spec and spec.origin)):
@@ -344,7 +354,8 @@ def run_in_child(script: str, library: str = NONE_USABLE) -> subprocess.Complete
         return subprocess.CompletedProcess(command, 1, "", f"the test could not be run ({error})")
 
 
-def _first_complaint(child: subprocess.CompletedProcess[str]) -> str:
+def _failure_reason(child: subprocess.CompletedProcess[str]) -> str:
+    """Return why a child process failed, in one short line."""
     lines = child.stderr.strip().splitlines() or [f"status {child.returncode}"]
     text = lines[-1] if lines[0].startswith("Traceback") else lines[0]
     end = "its kernels end the process: " if child.returncode in _CRASHES else ""
@@ -382,7 +393,7 @@ def install_packages(packages: Sequence[Sequence[str]]) -> None:
     if not shutil.which("apt-get"):
         names = " and ".join(alternatives[0] for alternatives in packages)
         raise EngineError(f"Install {names}, or the packages of your system that replace them.")
-    names = " ".join(map(_offered, packages))
+    names = " ".join(map(_available_package, packages))
     if os.geteuid() != 0:
         raise EngineError(f"Run `apt-get install {names}` as root.")
     for alternatives in packages:
@@ -397,7 +408,7 @@ def install_packages(packages: Sequence[Sequence[str]]) -> None:
 
 def _install(alternatives: Sequence[str]) -> str:
     """Install an available alternative; return apt-get's error message, empty on success."""
-    name = _offered(alternatives)
+    name = _available_package(alternatives)
     print(f"polywigner: installing {name} (apt-get install) ...", file=sys.stderr, flush=True)
     options = ["-o", "DPkg::Lock::Timeout=300", "-y", "--no-install-recommends"]
     done = _apt("apt-get", "install", *options, name)
@@ -405,13 +416,15 @@ def _install(alternatives: Sequence[str]) -> str:
     return errors[-1] if done.returncode != 0 else ""
 
 
-def _offered(alternatives: Sequence[str]) -> str:
+def _available_package(alternatives: Sequence[str]) -> str:
+    """Return the first Debian package that apt offers; if it offers none, the first name."""
     listing = _apt("apt-cache", "madison", *alternatives).stdout
     offered = {line.split("|")[0].strip() for line in listing.splitlines()}
     return next((name for name in alternatives if name in offered), alternatives[0])
 
 
 def _apt(tool: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run apt-get or apt-cache without prompts, and return its exit status and output."""
     import subprocess
 
     environment = {**os.environ, "DEBIAN_FRONTEND": "noninteractive", "LC_ALL": "C.UTF-8"}

@@ -44,7 +44,10 @@ def check_symplectic(matrix: Matrix) -> None:
 
 
 def checked_pair(value: Any, expected: str) -> Matrix:
-    """Return one or two numbers as two numbers; raise ArgumentError for zero and NaN."""
+    """Return one or two numbers as a pair; raise ArgumentError for zero and NaN.
+
+    ``expected``: beginning of the error message.
+    """
     numbers = checked_vectors(value, expected, ())
     if numbers.shape not in ((), (2,)) or not (np.abs(numbers) >= _LEAST).all():
         raise ArgumentError(f"{expected}, got {value_text(value)}")
@@ -374,6 +377,7 @@ class FirstOrder(Immutable):
 
     @property
     def _key(self) -> bytes:
+        """Bytes of the matrix, which are equal for equal systems."""
         return (self.matrix + 0.0).tobytes()
 
     def __repr__(self) -> str:

@@ -62,7 +62,11 @@ def _parse(
     example: str,
     positive: bool = False,
 ) -> float:
-    """Convert a string such as "10 mm" to SI units; numbers are already in SI units."""
+    """Convert a string such as "10 mm" to SI units; numbers are already in SI units.
+
+    ``units``: size of each unit in SI units. ``kind`` and ``example`` describe the quantity in
+    error messages.
+    """
     article = "an" if kind[0] in "aeio" else "a"
     expected = f'expected {article} {kind} such as "{example}", got {value_text(text)}'
     match = _QUANTITY.fullmatch(str(text))

@@ -74,6 +74,7 @@ def check(source: Aperture | Slits | Array, points: int = 100, seed: int = 0) ->
 
 
 def _laws(source: Aperture | Slits | Array, points: int, seed: int) -> Iterator[Law]:
+    """Yield each law, with its two sides evaluated for a source at random arguments."""
     form = normal_form(source)
     low, high = np.reshape(form.bounds, (2, -1))
     size = float(np.linalg.norm(high - low))
@@ -138,6 +139,7 @@ def _laws(source: Aperture | Slits | Array, points: int, seed: int) -> Iterator[
 
 
 def _lattice(low: Floats, high: Floats) -> tuple[Floats, float]:
+    """Return the points (n, d) of a lattice that fills a box, and the volume of one cell."""
     k = np.arange(_LATTICE)
     unit = np.column_stack([k + 0.5, (k * _STEP) % _LATTICE + 0.5])[:, : len(low)] / _LATTICE
     return low + unit * (high - low), math.prod((high - low).tolist()) / _LATTICE

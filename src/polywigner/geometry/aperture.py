@@ -92,12 +92,16 @@ class Aperture(TakesWaves):
         illumination: Illumination | None = None,
         segments: Sequence[Part] | None = None,
     ) -> Aperture:
-        """Make an aperture from valid parts, without checks."""
+        """Make an aperture from valid parts, without checks.
+
+        ``segments``: segments of a mirror, see :attr:`segments`.
+        """
         segments = segments and tuple(segments)
         return cls._of(_parts=tuple(parts), _segments=segments, illumination=illumination)
 
     @classmethod
     def _of_segments(cls, rings: Sequence[Ring]) -> Aperture:
+        """Make a mirror from the outlines of its segments, which may touch."""
         parts = cls(rings)._parts
         return cls._of_parts(
             parts, None, [(ring,) for ring in rings] if len(parts) < len(rings) else None
@@ -247,6 +251,10 @@ class Aperture(TakesWaves):
         return self._combined(shapely.difference, other)
 
     def _combined(self, operation: Callable[..., Any], other: object) -> Aperture:
+        """Return the result of a set operation of shapely, with the field of this aperture.
+
+        Raises IlluminationError if the fields differ, and GeometryError if the result is empty.
+        """
         if not isinstance(other, Aperture):
             return NotImplemented
         is_outline = other.illumination is None and operation is not shapely.union
@@ -428,10 +436,12 @@ class PlacedAperture(Immutable):
 
     @property
     def _key(self) -> tuple[Aperture, bytes]:
+        """Aperture and pose, which are equal for equal placed apertures."""
         return self.aperture, self.pose.tobytes()
 
 
 def _require_aperture(aperture: Aperture) -> None:
+    """Raise ArgumentError if the argument is not an Aperture."""
     if not isinstance(aperture, Aperture):
         raise ArgumentError(
             f"expected an Aperture, got {type(aperture).__name__}; make one with "
@@ -482,9 +492,10 @@ def automean(aperture: Aperture) -> Aperture:
     return Aperture(union_on_grid([shapely.Polygon(ring) for ring in means], np.concatenate(means)))
 
 
-def _overlap(
+def _common_region(
     aperture: Aperture, *images: Callable[[Ring], Ring]
 ) -> shapely.Polygon | shapely.MultiPolygon:
+    """Return the intersection of two images of an aperture under maps of its vertices."""
     _require_aperture(aperture)
     first, second = (shapely.transform(aperture.polygons, image) for image in images)
     parts = polygons_in(shapely.intersection(first, second))
@@ -522,7 +533,7 @@ def lag_slice(aperture: Aperture, x: ArrayLike) -> shapely.Polygon | shapely.Mul
     8.0
     """
     position = checked_shift(x, 2, "a position x")
-    return _overlap(aperture, lambda v: 2 * (v - position), lambda v: 2 * (position - v))
+    return _common_region(aperture, lambda v: 2 * (v - position), lambda v: 2 * (position - v))
 
 
 def position_slice(aperture: Aperture, xi: ArrayLike) -> shapely.Polygon | shapely.MultiPolygon:
@@ -556,4 +567,4 @@ def position_slice(aperture: Aperture, xi: ArrayLike) -> shapely.Polygon | shape
     3.0
     """
     half = checked_shift(xi, 2, "a lag xi") / 2
-    return _overlap(aperture, lambda v: v - half, lambda v: v + half)
+    return _common_region(aperture, lambda v: v - half, lambda v: v + half)

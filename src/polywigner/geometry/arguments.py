@@ -88,7 +88,8 @@ def shape_of(value: Any) -> str:
 _LARGEST = 1e100
 
 
-def _fits(shape: tuple[int, ...], pattern: tuple[Any, ...]) -> bool:
+def _matches_shape(shape: tuple[int, ...], pattern: tuple[Any, ...]) -> bool:
+    """Return whether the shape of an array matches a pattern of :func:`real_array`."""
     if pattern[:1] == (...,):
         pattern = pattern[1:]
         shape = shape[max(len(shape) - len(pattern), 0) :]
@@ -112,7 +113,7 @@ def real_array(
         array = real_numbers(values)
     except ValueError as reason:
         raise error(f"{expected}, got {reason}") from None
-    if not any(_fits(array.shape, shape) for shape in shapes):
+    if not any(_matches_shape(array.shape, shape) for shape in shapes):
         raise error(f"{expected}, got shape {shape_of(values)}")
     return array
 
@@ -147,7 +148,7 @@ def complex_array(
         array = np.array(values, dtype=np.complex128)
     except (TypeError, ValueError, OverflowError):
         raise error(f"{expected}, got {value_text(values)}") from None
-    if not any(_fits(array.shape, shape) for shape in shapes):
+    if not any(_matches_shape(array.shape, shape) for shape in shapes):
         raise error(f"{expected}, got an array of shape {array.shape}")
     if not np.isfinite(array).all():
         raise error(f"{expected}, got {value_text(values)}; numbers must be finite")
@@ -155,14 +156,20 @@ def complex_array(
 
 
 def checked_row(values: Any, expected: str) -> NDArray[np.float64]:
-    """Return one or more real numbers as an array of shape (k,)."""
+    """Return one or more real numbers as an array of shape (k,).
+
+    ``expected``: beginning of the error message.
+    """
     return np.atleast_1d(real_array(values, expected, (), (None,)))
 
 
 def checked_vectors(
     values: Any, expected: str, last: tuple[int, ...], error: type[PolywignerError] = ArgumentError
 ) -> NDArray[np.float64]:
-    """Return an array of real numbers of shape (..., *last)."""
+    """Return an array of real numbers of shape (..., *last).
+
+    ``expected``: beginning of the error message.
+    """
     return real_array(values, expected, (..., *last), error=error)
 
 
@@ -198,24 +205,29 @@ class Immutable:
         return new
 
     def _set(self, **fields: Any) -> None:
+        """Set attributes, with read-only arrays, while an object is constructed."""
         self.__dict__.update(frozen(tuple(fields.items())))
 
     def __getstate__(self) -> dict[str, Any]:
-        # Cached values are not pickled.
+        """Return the attributes to be pickled: the annotated ones, without cached values."""
         return {name: getattr(self, name) for name in type(self).__annotations__}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
+        """Set the attributes of an unpickled object."""
         self._set(**state)
 
     def __eq__(self, other: object) -> bool:
+        """Return whether another object has the same class and an equal ``_key``."""
         if not isinstance(other, Immutable) or type(other) is not type(self):
             return NotImplemented
         return bool(self._key == other._key)
 
     def __hash__(self) -> int:
+        """Return the hash of ``_key``."""
         return hash(self._key)
 
     def __setattr__(self, name: str, value: object = None) -> NoReturn:
+        """Raise AttributeError, because attributes cannot be changed or deleted."""
         raise AttributeError(
             f"{type(self).__name__} objects cannot be changed (attribute {name}); build a new one"
         )
@@ -232,7 +244,7 @@ def checked_number(
 ) -> float:
     """Return a finite number that satisfies ``is_valid``; raise ArgumentError for other values.
 
-    The error message is "expected ``name`` as ``meaning``".
+    The error message is "expected ``name`` to be ``meaning``".
     """
     try:
         refused = isinstance(value, (str, bytes, bool)) or np.iscomplexobj(value)
@@ -352,21 +364,22 @@ def doubt_of_wavelength(wavelength: float, diameter: float) -> str | None:
 
 
 def _warn_of_wavelength(source: Any, wavelength: float) -> None:
+    """Warn if a wavelength in m is implausible for the size of a source, or is a frequency."""
     if _LIKE_A_FREQUENCY[0] < wavelength < _LIKE_A_FREQUENCY[1]:
         doubt: str | None = (
             f"{wavelength:g} m looks like a frequency in Hz; pass it as frequency={wavelength:g}"
         )
     else:
-        diameter = _diameter(source)
+        diameter = _bounding_diagonal(source)
         doubt = None if diameter is None else doubt_of_wavelength(wavelength, diameter)
     if doubt is not None:
         warn_caller(f"implausible wavelength: {doubt}", stacklevel=4)
 
 
 def warn_of_distance(sources: Any, points: NDArray[np.float64], wavelength: float) -> None:
-    """Warn if points (n, 3) are implausibly far away for sources of the given size."""
+    """Warn if a point (n, 3) in m is implausibly far from the origin for the size of sources."""
     distance = float(np.linalg.norm(points, axis=-1).max(initial=0.0))
-    size = max(_diameter(source) or 0.0 for source in sources)
+    size = max(_bounding_diagonal(source) or 0.0 for source in sources)
     if distance > _LONGEST_LINK * max(size, wavelength):
         warn_caller(
             f"implausible distance: a link of {distance:.6g} m is {distance / size:.3g} times the "
@@ -374,8 +387,8 @@ def warn_of_distance(sources: Any, points: NDArray[np.float64], wavelength: floa
         )
 
 
-def _diameter(source: Any) -> float | None:
-    """Return the diagonal of a source's bounding box in m; None if it has no bounds."""
+def _bounding_diagonal(source: Any) -> float | None:
+    """Return the diagonal of a source's bounding box in m; None if the source has no bounds."""
     outline = getattr(source, "source", source)
     try:
         bounds = getattr(getattr(outline, "aperture", outline), "bounds", None)
@@ -403,6 +416,8 @@ R = TypeVar("R", covariant=True)
 
 
 class _WithFrequency(Protocol[P, R]):
+    """Type of a function with the additional keyword ``frequency``."""
+
     __name__: str
 
     @overload
@@ -428,6 +443,7 @@ def takes_frequency(function: Callable[P, R]) -> _WithFrequency[P, R]:
 
     @functools.wraps(function)
     def wrapper(*args: Any, frequency: float | None = None, **kwargs: Any) -> R:
+        """Call the function at the wavelength that corresponds to ``frequency``."""
         length: Any = args[position] if len(args) > position else kwargs.get("wavelength")
         if frequency is not None:
             is_number = is_last and len(args) > position and isinstance(length, Real)
@@ -435,7 +451,7 @@ def takes_frequency(function: Callable[P, R]) -> _WithFrequency[P, R]:
                 raise ArgumentError(
                     "expected a wavelength or a frequency, got both; remove one of them"
                 )
-            length = SPEED_OF_LIGHT / _checked(frequency)
+            length = SPEED_OF_LIGHT / _checked_frequency(frequency)
             if len(args) < position:
                 kwargs["wavelength"] = length
             else:
@@ -462,19 +478,24 @@ def takes_frequency(function: Callable[P, R]) -> _WithFrequency[P, R]:
     return cast("_WithFrequency[P, R]", wrapper)
 
 
-def _at_wavelength(value: T, length: float) -> T:
+def _at_wavelength(value: T, wavelength: float) -> T:
+    """Return an argument of a call, with the sources in it converted to a wavelength in m.
+
+    Sources in lists, tuples and dictionaries are converted too. Other arguments stay unchanged.
+    """
     result: Any = value
     if isinstance(value, dict):
-        result = {name: _at_wavelength(item, length) for name, item in value.items()}
+        result = {name: _at_wavelength(item, wavelength) for name, item in value.items()}
     elif isinstance(value, tuple | list):
         if any(hasattr(item, "at_wavelength") for item in value):
-            result = type(value)([_at_wavelength(item, length) for item in value])
+            result = type(value)([_at_wavelength(item, wavelength) for item in value])
     elif hasattr(type(value), "at_wavelength"):
-        result = result.at_wavelength(length)
+        result = result.at_wavelength(wavelength)
     return result
 
 
-def _checked(frequency: Any) -> float:
+def _checked_frequency(frequency: Any) -> float:
+    """Return a frequency of at least 300 Hz as a float; raise ArgumentError for other values."""
     number = checked_length(frequency, "frequency", meaning="a number in Hz above zero")
     if number < _LOWEST_FREQUENCY:
         raise ArgumentError(

@@ -20,7 +20,7 @@ from polywigner.geometry.hidden_parts import (
     Projected,
     edges_around,
     in_perspective,
-    less_shadows,
+    visible_parts,
 )
 from polywigner.numerics import Floats, Indices
 
@@ -50,10 +50,12 @@ class _Columns:
 
     @classmethod
     def of(cls, parts: Sequence[Self]) -> Self:
+        """Concatenate the rows of several objects."""
         names = [item.name for item in fields(cls)]  # type: ignore[arg-type]
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
     def subset(self, rows: NDArray[np.bool_] | Indices) -> Self:
+        """Return the rows selected by a mask or by indices."""
         arrays = (getattr(self, item.name) for item in fields(self))  # type: ignore[arg-type]
         return type(self)(*(array[rows] for array in arrays))
 
@@ -222,7 +224,10 @@ def _clipped(surface: Surface, observer: Floats, frame: Floats) -> Surface:
 def _cut_ring(
     ring: list[tuple[Floats, int]], plane: Floats, observer: Floats
 ) -> list[tuple[Floats, int]]:
-    """Clip a convex ring of pairs (corner, index of the next side) to one side of a plane."""
+    """Clip a convex ring to the positive side of a plane through the observer.
+
+    The ring consists of pairs (corner, index of the next side). ``plane``: normal (3,).
+    """
     result: list[tuple[Floats, int]] = []
     for (corner, side), (end, _) in zip(ring, [*ring[1:], *ring[:1]], strict=True):
         here, there = plane @ (corner - observer), plane @ (end - observer)
@@ -235,8 +240,12 @@ def _cut_ring(
 
 
 def _contours_in(figure: Projected, surface: Surface, closed: float) -> Silhouette:
+    """Return the net contours in one projection of a surface.
+
+    ``closed``: approximate width up to which slits between bodies have no contours.
+    """
     polygons = np.asarray(shapely.polygons(figure.points), dtype=object)
-    hidden, left = less_shadows(figure, polygons, polygons)
+    hidden, left = visible_parts(figure, polygons, polygons)
     visible = np.setdiff1d(np.arange(len(polygons)), hidden)
     extent = float(np.ptp(figure.points.reshape(-1, 2), axis=0).max())
     within = max(_COINCIDENT * extent, 16 * NOTHING * figure.size)
@@ -245,13 +254,15 @@ def _contours_in(figure: Projected, surface: Surface, closed: float) -> Silhouet
         _part_boundaries(figure, surface, hidden, left, within),
     ]
     segments = _Segments.of([part.subset(part.edge != _BORDER_SIDE) for part in boundaries])
-    segments = segments.subset(~_cancelling(segments))
+    segments = segments.subset(~_occur_in_both_directions(segments))
     beside, touching = max(within, closed), max(_TOUCHING * extent, closed)
-    return _Pairing(figure, surface, segments, within, beside, touching).resolved()
+    return _Pairing(figure, surface, segments, within, beside, touching).silhouette()
 
 
 @dataclass(frozen=True)
 class _Segments(_Columns):
+    """Directed segments in a projection plane that bound the visible parts of triangles."""
+
     begin: Floats
     """Start points of the segments, shape (n, 2)."""
     end: Floats
@@ -265,14 +276,20 @@ class _Segments(_Columns):
 
     @cached_property
     def length(self) -> Floats:
+        """Length of each segment, shape (n,)."""
         return np.asarray(np.linalg.norm(self.end - self.begin, axis=1))
 
     @cached_property
     def unit(self) -> Floats:
+        """Unit vector along each segment, shape (n, 2)."""
         return np.asarray((self.end - self.begin) / np.maximum(self.length, 1e-300)[:, None])
 
 
 def _triangle_sides(figure: Projected, surface: Surface, rows: Indices) -> _Segments:
+    """Return the sides of entirely visible triangles as segments.
+
+    ``rows``: indices (m,) of the triangles.
+    """
     points = figure.points[rows]
     return _Segments(
         points.reshape(-1, 2),
@@ -286,6 +303,11 @@ def _triangle_sides(figure: Projected, surface: Surface, rows: Indices) -> _Segm
 def _part_boundaries(
     figure: Projected, surface: Surface, rows: Indices, parts: NDArray[np.object_], within: float
 ) -> _Segments:
+    """Return the boundaries of the visible parts of partly hidden triangles as segments.
+
+    ``rows``: indices (m,) of the triangles. ``parts`` (m,): visible part of each triangle.
+    ``within``: largest distance at which a segment counts as lying on a side of its triangle.
+    """
     polygons, owner = shapely.get_parts(parts, return_index=True)
     has_width = shapely.area(polygons) > NOTHING * figure.size * shapely.length(polygons)
     number, begin, end = edges_around(polygons[has_width])
@@ -293,7 +315,7 @@ def _part_boundaries(
     corners = figure.points[triangle]
     along = np.roll(corners, -1, axis=1) - corners
     along /= np.linalg.norm(along, axis=2, keepdims=True)
-    distances = [np.abs(_cross(along, point[:, None] - corners)) for point in (begin, end)]
+    distances = [np.abs(_cross_products(along, point[:, None] - corners)) for point in (begin, end)]
     off = np.maximum(*distances)
     nearest = off.argmin(axis=1)
     side = np.where(off[np.arange(len(off)), nearest] <= within, nearest, -1)
@@ -316,22 +338,27 @@ class _Pairing:
     """Largest gap along the line of sight between surfaces that count as touching."""
 
     def __post_init__(self) -> None:
+        """Initialise the intervals of each segment that are not shared with another segment."""
         # Intervals of each segment that no other segment shares.
         self.free = [[(0.0, float(length))] for length in self.segments.length]
 
-    def resolved(self) -> Silhouette:
+    def silhouette(self) -> Silhouette:
+        """Return the segments without a partner, and the nearer segments of all pairs.
+
+        Pairs of segments at equal depth cancel, because the surfaces on both sides of them join.
+        """
         s, bodies = self.segments, self.surface.bodies
         # Each piece: a segment, the start and end of an interval on it, and the segment behind it,
         # or -1.
         pieces: list[tuple[int, float, float, int]] = []
         touching = set()
         for j, k in self._candidates():
-            for low, high, at in self._shared(j, k):
-                order = self._nearer(j, k, 0.5 * (low + high), at)
+            for low, high, at in self._shared_intervals(j, k):
+                order = self._depth_order(j, k, 0.5 * (low + high), at)
                 if order > 0:
                     pieces.append((j, low, high, k))
                 elif order < 0:
-                    first, last = sorted(self._converted(j, k, low, high))
+                    first, last = sorted(self._projected_lengths(j, k, low, high))
                     pieces.append((k, first, last, j))
                 elif s.side[j] >= 0 and s.side[k] >= 0 and s.edge[j] != s.edge[k]:
                     pair = bodies[s.triangle[[j, k]]]
@@ -361,7 +388,7 @@ class _Pairing:
         j, k = j[is_opposite], k[is_opposite]
         unit, to_end, to_begin = s.unit[j], s.end[k] - s.begin[j], s.begin[k] - s.begin[j]
         t0, t1 = (np.einsum("nk,nk->n", point, unit) for point in (to_end, to_begin))
-        off0, off1 = (_cross(unit, point) for point in (to_end, to_begin))
+        off0, off1 = (_cross_products(unit, point) for point in (to_end, to_begin))
         low, high = np.maximum(t0, 0.0), np.minimum(t1, s.length[j])
         with np.errstate(divide="ignore", invalid="ignore"):
             slope = (off1 - off0) / (t1 - t0)
@@ -375,29 +402,34 @@ class _Pairing:
         order = np.lexsort([off, ~is_one_edge])
         return list(zip(j[order].tolist(), k[order].tolist(), strict=True))
 
-    def _converted(self, j: int, k: int, *lengths: float) -> list[float]:
+    def _projected_lengths(self, j: int, k: int, *lengths: float) -> list[float]:
+        """Return positions on segment k, in lengths from its start, of positions on segment j."""
         s = self.segments
         points = (s.begin[j] + t * s.unit[j] for t in lengths)
         return [float(np.clip((p - s.begin[k]) @ s.unit[k], 0.0, s.length[k])) for p in points]
 
-    def _shared(self, j: int, k: int) -> Iterator[tuple[float, float, float]]:
-        """Remove the intervals that two opposite segments have in common.
+    def _shared_intervals(self, j: int, k: int) -> Iterator[tuple[float, float, float]]:
+        """Yield the intervals that two opposite segments share, and remove them from ``free``.
 
         Yields the start and end of each interval along segment j, and its midpoint along segment k.
         """
         for low, high in list(self.free[j]):
             for start, stop in list(self.free[k]):
-                t1, t0 = self._converted(k, j, start, stop)
+                t1, t0 = self._projected_lengths(k, j, start, stop)
                 first, last = max(low, t0), min(high, t1)
                 if last - first <= self.within:
                     continue
-                u1, u0 = self._converted(j, k, first, last)
-                self.free[j] = _without(self.free[j], first, last)
-                self.free[k] = _without(self.free[k], u0, u1)
+                u1, u0 = self._projected_lengths(j, k, first, last)
+                self.free[j] = _without_interval(self.free[j], first, last)
+                self.free[k] = _without_interval(self.free[k], u0, u1)
                 yield first, last, 0.5 * (u0 + u1)
 
-    def _nearer(self, j: int, k: int, at_j: float, at_k: float) -> int:
-        """Return 1 if segment j is in front of segment k, -1 if it is behind, and 0 otherwise."""
+    def _depth_order(self, j: int, k: int, at_j: float, at_k: float) -> int:
+        """Return 1 if segment j is in front of segment k, -1 if it is behind, and 0 otherwise.
+
+        ``at_j`` and ``at_k``: position of the same point, in lengths from the start of each
+        segment.
+        """
         s, faces = self.segments, self.surface.faces
         is_one_edge = s.edge[j] >= 0 and s.edge[j] == s.edge[k]
         if is_one_edge or faces[s.triangle[j]] == faces[s.triangle[k]]:
@@ -409,7 +441,10 @@ class _Pairing:
         return 1 if gap > 0 else -1
 
     def _depth(self, row: int, at: float) -> tuple[float, float]:
-        """Return the depth of a point on a segment, and its gradient (0 on a triangle's side)."""
+        """Return the depth of a point on a segment, and the gradient of the depth.
+
+        ``at``: length from the start of segment ``row``. The gradient is 0 on a side of a triangle.
+        """
         s = self.segments
         t, k = s.triangle[row], s.side[row]
         point = s.begin[row] + at * s.unit[row]
@@ -422,6 +457,10 @@ class _Pairing:
         return float(depth[0] + (point - corners[0]) @ slope), float(np.abs(slope).sum())
 
     def _in_space(self, rows: Indices, at: Floats) -> Floats:
+        """Return positions (m, 3) in space of points on segments.
+
+        ``rows``: indices (m,) of the segments. ``at`` (m,): lengths from their starts.
+        """
         s = self.segments.subset(rows)
         points = s.begin + at[:, None] * s.unit
         corners, k = self.figure.points[s.triangle], np.maximum(s.side, 0)
@@ -445,12 +484,13 @@ class _Pairing:
         return np.where((s.side >= 0)[:, None], on_side, inside)
 
 
-def _cross(a: Floats, b: Floats) -> Floats:
+def _cross_products(a: Floats, b: Floats) -> Floats:
+    """Return the cross products a_x b_y - a_y b_x of vectors (..., 2)."""
     return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
 
-def _cancelling(segments: _Segments) -> NDArray[np.bool_]:
-    """Return a mask (n,) of segments that occur in both directions."""
+def _occur_in_both_directions(segments: _Segments) -> NDArray[np.bool_]:
+    """Return a mask (n,) of the segments whose reversed copies are also present."""
     edge, begin, end = segments.edge, segments.begin, segments.end
     order = np.argsort(edge, kind="stable")
     first, second = order[:-1], order[1:]
@@ -462,8 +502,9 @@ def _cancelling(segments: _Segments) -> NDArray[np.bool_]:
     return mask
 
 
-def _without(
+def _without_interval(
     intervals: list[tuple[float, float]], low: float, high: float
 ) -> list[tuple[float, float]]:
+    """Return intervals without their overlaps with the interval from ``low`` to ``high``."""
     parts = [[(a, min(b, low)), (max(a, high), b)] for a, b in intervals]
     return [(a, b) for pair in parts for a, b in pair if b > a]

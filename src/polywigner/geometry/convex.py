@@ -14,7 +14,7 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.errors import GeometryError
-from polywigner.geometry.rings import Part, Ring, orientations, polygon_of_part, shoelace, turn
+from polywigner.geometry.rings import Part, Ring, area2, orientations, polygon_of_part, shoelace
 from polywigner.numerics import Indices
 
 
@@ -38,37 +38,31 @@ def triangulate_part(part: Part) -> tuple[Ring, Indices]:
     return vertices, triangles
 
 
-class _Merger:
-    """Greedy merging of triangles (lists of vertex indices) into convex polygons."""
+def _merged_triangles(
+    vertices: Ring, triangles: Indices, diagonals: Sequence[Sequence[int]]
+) -> list[list[int]]:
+    """Merge triangles across diagonals, in their order, wherever the result is convex.
 
-    def __init__(self, vertices: Ring, triangles: Indices) -> None:
-        self.points = [(float(x), float(y)) for x, y in vertices]
-        self.pieces: list[list[int]] = [list(map(int, t)) for t in triangles]
-        self.owner = {
-            (piece[k - 1], piece[k]): n for n, piece in enumerate(self.pieces) for k in range(3)
-        }
-
-    def diagonals(self) -> list[tuple[int, int]]:
-        return [(i, j) for i, j in self.owner if i < j and (j, i) in self.owner]
-
-    def try_merge(self, i: int, j: int) -> None:
-        left, right = self.owner[i, j], self.owner[j, i]
-        ahead, back = self.pieces[left], self.pieces[right]
+    ``diagonals``: pairs of vertex indices. Returns the vertex indices of each convex polygon.
+    """
+    points = [(float(x), float(y)) for x, y in vertices]
+    pieces: list[list[int]] = triangles.tolist()
+    # Index of the piece on the left of each directed edge.
+    owner = {(piece[k - 1], piece[k]): n for n, piece in enumerate(pieces) for k in range(3)}
+    for i, j in diagonals:
+        left, right = owner[i, j], owner[j, i]
+        ahead, back = pieces[left], pieces[right]
         p, q = ahead.index(j), back.index(i)
         at_i = ahead[p - 2], i, back[(q + 1) % len(back)]
         at_j = back[q - 2], j, ahead[(p + 1) % len(ahead)]
-        if left == right or any(turn(*(self.points[k] for k in at)) < 0 for at in (at_i, at_j)):
-            return
+        if left == right or any(area2(*(points[k] for k in at)) < 0 for at in (at_i, at_j)):
+            continue
         merged = (ahead[p:] + ahead[:p])[:-1] + (back[q:] + back[:q])[:-1]
-        self.pieces[left], self.pieces[right] = merged, []
+        pieces[left], pieces[right] = merged, []
         for k in range(len(merged)):
-            self.owner[merged[k - 1], merged[k]] = left
-        del self.owner[i, j], self.owner[j, i]
-
-    def run(self, order: Sequence[tuple[int, int]]) -> list[list[int]]:
-        for i, j in order:
-            self.try_merge(i, j)
-        return [piece for piece in self.pieces if piece]
+            owner[merged[k - 1], merged[k]] = left
+        del owner[i, j], owner[j, i]
+    return [piece for piece in pieces if piece]
 
 
 def convex_pieces(part: Part) -> list[Ring]:
@@ -82,12 +76,15 @@ def convex_pieces(part: Part) -> list[Ring]:
         if np.all(orientations(np.roll(ring, 1, axis=0), ring, np.roll(ring, -1, axis=0)) >= 0):
             return [ring]
     vertices, triangles = triangulate_part(part)
-    diagonals = _Merger(vertices, triangles).diagonals()
-    ends = vertices[np.array(diagonals, dtype=np.intp).reshape(-1, 2)]
-    longest_first = np.argsort(-np.hypot(*(ends[:, 1] - ends[:, 0]).T), kind="stable")
+    edges = np.concatenate([triangles[:, [k, (k + 1) % 3]] for k in range(3)])
+    # Diagonals occur in both directions, and sides of the outline in one direction.
+    ends, counts = np.unique(np.sort(edges, axis=1), axis=0, return_counts=True)
+    ends = ends[counts == 2]
+    lengths = np.hypot(*(vertices[ends[:, 1]] - vertices[ends[:, 0]]).T)
+    shortest_first = ends[np.argsort(lengths, kind="stable")].tolist()
     covers = [
-        _Merger(vertices, triangles).run([diagonals[k] for k in order])
-        for order in (longest_first, longest_first[::-1])
+        _merged_triangles(vertices, triangles, diagonals)
+        for diagonals in (shortest_first[::-1], shortest_first)
     ]
     pieces = [vertices[piece] for piece in min(covers, key=len)]
     return [piece for piece in pieces if shoelace([piece]) > 0]

@@ -68,6 +68,7 @@ class Projected:
         return np.asarray(np.stack([across, along], axis=1) / self.area[:, None])
 
     def subset(self, rows: NDArray[np.bool_]) -> Projected:
+        """Return the projections of the triangles selected by a mask (n,)."""
         return Projected(self.points[rows], self.depth[rows], self.size, self.ranges[rows])
 
 
@@ -84,29 +85,36 @@ def in_perspective(corners: Floats, frame: Floats, distance: float, size: float)
     return Projected(points, distance * (1 - scale), size, z / distance)
 
 
-def _too_many(triangles: int) -> ArgumentError:
+def _too_many_overlaps(triangles: int) -> ArgumentError:
+    """Return the error for bodies with too many triangles that hide each other."""
     return ArgumentError(
         f"too many of the {triangles} triangles of the bodies overlap in projection; remove "
         "hidden surfaces, or simplify the mesh"
     )
 
 
-def _overlapping(projected: Projected, polygons: Shapes) -> tuple[Indices, Indices]:
+def _overlapping_pairs(projected: Projected, polygons: Shapes) -> tuple[Indices, Indices]:
+    """Return the indices (m,) and (m,) of triangles whose projections overlap.
+
+    ``polygons`` (n,): only triangles whose polygons have overlapping boxes are compared. Each pair
+    occurs once. Raises ArgumentError if there are too many pairs.
+    """
     tree, pairs, total = shapely.STRtree(polygons), [np.empty((2, 0), np.intp)], 0
     for start in range(0, len(polygons), _BLOCK):
         one, other = tree.query(polygons[start : start + _BLOCK])
         once = one + start < other
         one, other = one[once] + start, other[once]
-        apart = _apart(projected, one, other) | _apart(projected, other, one)
+        apart = _are_separated(projected, one, other) | _are_separated(projected, other, one)
         pairs.append(np.stack([one[~apart], other[~apart]]))
         total += pairs[-1].shape[1]
         if total > _MOST_PAIRS:
-            raise _too_many(len(polygons))
+            raise _too_many_overlaps(len(polygons))
     one, other = np.concatenate(pairs, axis=1)
     return one, other
 
 
-def _apart(projected: Projected, one: Indices, other: Indices) -> NDArray[np.bool_]:
+def _are_separated(projected: Projected, one: Indices, other: Indices) -> NDArray[np.bool_]:
+    """Return a mask of pairs of triangles (m,) that a side of the first triangle separates."""
     apart = np.zeros(len(one), np.bool_)
     points, least = projected.points, NOTHING * projected.size
     for k in range(3):
@@ -120,7 +128,12 @@ def _apart(projected: Projected, one: Indices, other: Indices) -> NDArray[np.boo
 
 
 def _nearer_parts(projected: Projected, hidden: Indices, before: Indices) -> tuple[Indices, Shapes]:
-    """Return hidden triangles, and for each the part of another triangle in front of its plane."""
+    """Return the parts of triangles that lie in front of the planes of other triangles.
+
+    ``hidden`` and ``before``: indices (m,) of pairs of triangles that overlap in projection.
+    Returns the index of the hidden triangle and the part of the other triangle in front of its
+    plane, for each pair with such a part.
+    """
     slopes = projected.slopes
     offset = projected.points[before] - projected.points[hidden, :1]
     plane = projected.depth[hidden, :1] + (offset * slopes[hidden, None]).sum(axis=2)
@@ -130,21 +143,24 @@ def _nearer_parts(projected: Projected, hidden: Indices, before: Indices) -> tup
     coincide = (np.abs(ahead) <= level).all(axis=1)
     ahead[coincide] = np.where(before < hidden, 1.0, -1.0)[coincide, None]
     ahead[(np.abs(ahead) <= level) & ~coincide[:, None]] = 0.0
-    stands = (ahead > 0).any(axis=1)
-    hidden, before, ahead = hidden[stands], before[stands], ahead[stands]
-    parts = _cut(projected.points[before], ahead)
+    is_ahead = (ahead > 0).any(axis=1)
+    hidden, before, ahead = hidden[is_ahead], before[is_ahead], ahead[is_ahead]
+    parts = _clipped_where_positive(projected.points[before], ahead)
     flat = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
     return hidden[flat], parts[flat]
 
 
-def _cut(points: Floats, ahead: Floats) -> Shapes:
-    """Clip triangles (n, 3, 2) to where linear functions, ``ahead`` (n, 3), are positive."""
-    following, there = np.roll(points, -1, axis=1), np.roll(ahead, -1, axis=1)
-    crosses = (ahead > 0) != (there > 0)
-    share = (ahead / np.where(crosses, ahead - there, 1.0))[..., None]
-    between = np.where(share == 1, following, points + share * (following - points))
+def _clipped_where_positive(points: Floats, values: Floats) -> Shapes:
+    """Return the parts of triangles (n, 3, 2) in which linear functions are positive.
+
+    ``values`` (n, 3): values of the function of each triangle at its corners.
+    """
+    following, following_values = np.roll(points, -1, axis=1), np.roll(values, -1, axis=1)
+    crosses = (values > 0) != (following_values > 0)
+    fraction = (values / np.where(crosses, values - following_values, 1.0))[..., None]
+    between = np.where(fraction == 1, following, points + fraction * (following - points))
     candidates = np.stack([points, between], axis=2).reshape(-1, 6, 2)
-    used = np.stack([ahead > 0, crosses], axis=2).reshape(-1, 6)
+    used = np.stack([values > 0, crosses], axis=2).reshape(-1, 6)
     owner = np.repeat(np.arange(len(points)), used.sum(axis=1))
     rings = shapely.linearrings(candidates[used], indices=owner)
     parts = np.asarray(shapely.polygons(rings), dtype=object)
@@ -153,7 +169,7 @@ def _cut(points: Floats, ahead: Floats) -> Shapes:
     return parts
 
 
-def less_shadows(
+def visible_parts(
     projected: Projected,
     polygons: Shapes,
     illuminated: Shapes,
@@ -171,10 +187,10 @@ def less_shadows(
     triangles coincide, the first one hides the second one. Raises ArgumentError if too many
     pairs of triangles overlap in projection.
     """
-    one, other = _overlapping(projected, polygons if boxes is None else boxes)
+    one, other = _overlapping_pairs(projected, polygons if boxes is None else boxes)
     hidden, before = np.concatenate([one, other]), np.concatenate([other, one])
     if float((np.bincount(hidden).astype(np.float64) ** 2).sum()) > _MOST_CROSSINGS:
-        raise _too_many(len(polygons))
+        raise _too_many_overlaps(len(polygons))
     hidden, shadows = _nearer_parts(projected, hidden, before)
     if not len(hidden):
         return hidden, shadows
@@ -189,13 +205,13 @@ def less_shadows(
 def in_triangles(shapes: Shapes, points: Floats, ranges: Floats) -> Shapes:
     """Convert shapes (m,) in the projection plane to barycentric coordinates of triangles.
 
-    ``points``: corners (m, 3, 2) of the triangles.
+    ``points``: corners (m, 3, 2) of the triangles. ``ranges`` (m, 3): see :class:`Projected`.
     """
     inverse = np.linalg.inv(np.stack([points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]], 2))
     vertices, owner = shapely.get_coordinates(shapes, return_index=True)
     inside = np.einsum("nij,nj->ni", inverse[owner], vertices - points[owner, 0])
-    shares = np.column_stack([1 - inside.sum(axis=1), inside]) / ranges[owner]
-    inside = shares[:, 1:] / shares.sum(axis=1, keepdims=True)
+    weights = np.column_stack([1 - inside.sum(axis=1), inside]) / ranges[owner]
+    inside = weights[:, 1:] / weights.sum(axis=1, keepdims=True)
     return np.asarray(shapely.set_coordinates(shapes.copy(), inside), dtype=object)
 
 
@@ -302,6 +318,10 @@ def polygonal(shapes: Any) -> Shapes:
 def _overlay(
     operation: Callable[..., BaseGeometry], one: Shapes, other: Shapes, grid: float | None
 ) -> Shapes:
+    """Return the polygons that a set operation of shapely makes of pairs of polygons (m,).
+
+    If GEOS fails, invalid polygons are repaired, and each pair is computed on coarser grids.
+    """
     try:
         return polygonal(operation(one, other, grid_size=grid))
     # GEOS does not report which pair of polygons fails.
@@ -315,7 +335,11 @@ def _retried(
     shapes: BaseGeometry | Sequence[BaseGeometry],
     first: float | None = None,
 ) -> BaseGeometry:
-    """Repeat an operation on coarser grids until GEOS succeeds."""
+    """Return the result of an operation; while GEOS fails, repeat it on coarser grids.
+
+    ``compute``: function of the keyword ``grid_size``. ``shapes``: operands, whose extent sets the
+    grids. ``first``: first grid spacing.
+    """
     extent = float(np.ptp(shapely.get_coordinates(shapes), axis=0).max(initial=0.0))
     *grids, last = first, *(size * extent for size in _GRIDS)
     for grid in grids:

@@ -74,7 +74,7 @@ class Illumination(Immutable):
     """Frequencies kappa_m in cycles per metre, shape (m, d), in lexicographic order, read-only."""
 
     def __init__(self, amplitudes: ArrayLike, frequencies: ArrayLike) -> None:
-        waves, kappa = _merged(*_checked(amplitudes, frequencies))
+        waves, kappa = _merged_waves(*_checked_waves(amplitudes, frequencies))
         self._set(amplitudes=waves, frequencies=kappa)
 
     @property
@@ -116,6 +116,7 @@ class Illumination(Immutable):
             return Illumination(self.amplitudes, self.frequencies / size)
 
     def __mul__(self, other: Illumination | complex) -> Illumination:
+        """Return the product with another field, or with a complex number."""
         if isinstance(other, Complex):
             return Illumination(self.amplitudes * complex(other), self.frequencies)
         if not isinstance(other, Illumination):
@@ -128,6 +129,7 @@ class Illumination(Immutable):
     __rmul__ = __mul__
 
     def _check_dimension(self, other: Illumination) -> None:
+        """Raise IlluminationError unless another field has the same number of dimensions."""
         if other.dimension != self.dimension:
             raise IlluminationError(
                 f"expected fields of equal dimension, got dimensions {self.dimension} and "
@@ -135,6 +137,7 @@ class Illumination(Immutable):
             )
 
     def __truediv__(self, other: complex) -> Illumination:
+        """Return the field divided by a complex number."""
         if not isinstance(other, Complex):
             return NotImplemented
         if other == 0:
@@ -142,12 +145,15 @@ class Illumination(Immutable):
         return Illumination(self.amplitudes / complex(other), self.frequencies)
 
     def __neg__(self) -> Illumination:
+        """Return the field with the opposite sign."""
         return -1 * self
 
     def __sub__(self, other: Illumination) -> Illumination:
+        """Return the difference from another field."""
         return self + -other if isinstance(other, Illumination) else NotImplemented
 
     def __add__(self, other: Illumination) -> Illumination:
+        """Return the sum with another field."""
         if not isinstance(other, Illumination):
             return NotImplemented
         self._check_dimension(other)
@@ -158,9 +164,11 @@ class Illumination(Immutable):
 
     @cached_property
     def _key(self) -> tuple[int, bytes, bytes]:
+        """Dimension, amplitudes and frequencies, which are equal for equal fields."""
         return self.dimension, self.amplitudes.tobytes(), self.frequencies.tobytes()
 
     def __len__(self) -> int:
+        """Return the number of plane waves."""
         return len(self.amplitudes)
 
     def __repr__(self) -> str:
@@ -183,9 +191,13 @@ def shift_phases(
     return np.exp(-2j * np.pi * np.array([float(c - round(c)) for c in cycles]))
 
 
-def _checked(
+def _checked_waves(
     amplitudes: Any, frequencies: Any
 ) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
+    """Return complex amplitudes (m,) and frequencies (m, d) as arrays.
+
+    Raises IlluminationError if they are not finite numbers of matching shapes.
+    """
     expected = (
         "expected complex amplitudes of shape (m,), and one real frequency of shape (d,) for "
         "each amplitude, d = 1 or 2"
@@ -202,7 +214,7 @@ def _checked(
     return np.atleast_1d(waves), kappa
 
 
-def _merged(
+def _merged_waves(
     amplitudes: NDArray[np.complex128], frequencies: NDArray[np.float64]
 ) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
     """Merge waves of equal frequency, sort them, and drop waves whose amplitudes cancel."""
@@ -217,7 +229,10 @@ def _merged(
 
 
 def checked_field(field: Any, dimension: int) -> Illumination | None:
-    """Return a field or None; raise ArgumentError or IlluminationError if the field is invalid."""
+    """Return a field with the given number of dimensions, or None for a field of 1.
+
+    Raises ArgumentError or IlluminationError for other values.
+    """
     if field is None:
         return None
     if not isinstance(field, Illumination):

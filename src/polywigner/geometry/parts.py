@@ -28,7 +28,6 @@ from polywigner.geometry.rings import (
     polygon_of_part,
     rings_of_polygon,
     rounding_tolerance,
-    shoelace,
     spans_area,
 )
 
@@ -56,13 +55,14 @@ def shifted(polygons: NDArray[Any], shifts: Ring) -> NDArray[Any]:
     return moved
 
 
-def snapped(geometry: BaseGeometry, originals: Ring, reach: float) -> BaseGeometry:
-    """Move vertices to the nearest `originals` (n, 2) within `reach`, if the result is valid."""
+def snapped(geometry: BaseGeometry, originals: Ring, distance: float) -> BaseGeometry:
+    """Move vertices to the nearest `originals` (n, 2) within `distance`, if the result is valid."""
     tree = shapely.STRtree(shapely.points(originals))
 
     def moved(points: Ring) -> Ring:
+        """Return points (n, 2), moved to the nearest original points within the distance."""
         index, nearest = tree.query_nearest(
-            shapely.points(points), max_distance=reach, all_matches=False
+            shapely.points(points), max_distance=distance, all_matches=False
         )
         result = points.copy()
         result[index] = originals[nearest]
@@ -72,16 +72,18 @@ def snapped(geometry: BaseGeometry, originals: Ring, reach: float) -> BaseGeomet
     return exact if shapely.is_valid(exact) else geometry
 
 
-def straightened(geometry: BaseGeometry, reach: float) -> BaseGeometry:
-    """Drop vertices within `reach` of the line between their neighbours, if the result is valid."""
+def straightened(geometry: BaseGeometry, distance: float) -> BaseGeometry:
+    """Drop vertices within a distance of the line between their neighbours, if still valid."""
     # Normalised, so that the result does not depend on the starting vertex.
-    polygons = shapely.simplify(shapely.normalize(np.array(polygons_in(geometry), object)), reach)
+    array = np.array(polygons_in(geometry), dtype=object)
+    polygons = shapely.simplify(shapely.normalize(array), distance)
     simple = polygons[0] if len(polygons) == 1 else shapely.MultiPolygon(polygons.tolist())
     fewer = shapely.get_num_coordinates(simple) < shapely.get_num_coordinates(geometry)
     return simple if fewer and shapely.is_valid(simple) else geometry
 
 
 def _is_hairline(region: BaseGeometry, width: float) -> bool:
+    """Return whether the area of a region is at most its perimeter times ``width``."""
     return bool(region.area <= width * region.length)
 
 
@@ -98,8 +100,8 @@ def connected(count: int, first: NDArray[np.intp], second: NDArray[np.intp]) -> 
             return labels
 
 
-def _union(geometries: Sequence[BaseGeometry], grid: float) -> BaseGeometry:
-    """Return the union of geometries, computed for each group of overlapping boxes."""
+def _union_by_groups(geometries: Sequence[BaseGeometry], grid: float) -> BaseGeometry:
+    """Return the union of geometries on a grid, computed separately for distant groups."""
     array = np.array(geometries, dtype=object)
     boxes = shapely.box(*(shapely.bounds(array) + grid * np.array([-1, -1, 1, 1])).T)
     labels = connected(len(array), *shapely.STRtree(boxes).query(boxes))
@@ -121,7 +123,7 @@ def union_on_grid(
     """
     points = shapely.get_coordinates(list(geometries)) if originals is None else originals
     grid = grid_size(points)
-    return _cleaned(_union(geometries, grid), points, grid)
+    return _without_slivers(_union_by_groups(geometries, grid), points, grid)
 
 
 def combined_on_grid(
@@ -133,10 +135,15 @@ def combined_on_grid(
     result = operation(first, second, grid_size=grid)
     if all(_is_hairline(polygon, grid) for polygon in polygons_in(result)):
         return shapely.MultiPolygon()
-    return _cleaned(result, points, grid)
+    return _without_slivers(result, points, grid)
 
 
-def _cleaned(region: BaseGeometry, points: Ring, grid: float) -> BaseGeometry:
+def _without_slivers(region: BaseGeometry, points: Ring, grid: float) -> BaseGeometry:
+    """Return a region without polygons and holes thinner than the grid.
+
+    Vertices near ``points`` (n, 2) become equal to them, and vertices on straight lines are
+    dropped.
+    """
     polygons = []
     for polygon in polygons_in(region):
         holes = [h for h in polygon.interiors if not _is_hairline(shapely.Polygon(h), grid)]
@@ -146,58 +153,34 @@ def _cleaned(region: BaseGeometry, points: Ring, grid: float) -> BaseGeometry:
     return straightened(snapped(joined, points, grid), grid)
 
 
-def _joined_vertices(points: Ring, reach: float) -> Ring:
-    geometries = shapely.points(points)
-    later, earlier = shapely.STRtree(geometries).query(
-        geometries, predicate="dwithin", distance=reach
-    )
+def _welded(polygons: NDArray[np.object_]) -> NDArray[np.object_]:
+    """Make nearly equal vertices of polygons (n,) equal, and add vertices to edges they touch.
+
+    Vertices move by at most 64 ulp of the largest coordinate.
+    """
+    coordinates, owner = shapely.get_coordinates(polygons, return_index=True)
+    distance, points = rounding_tolerance(coordinates), shapely.points(coordinates)
+    later, earlier = shapely.STRtree(points).query(points, predicate="dwithin", distance=distance)
     target = np.arange(len(points))
     np.minimum.at(target, later, earlier)
-    return points[target]
-
-
-def _with_vertices_on_edges(ring: Ring, tree: shapely.STRtree, points: Ring, reach: float) -> Ring:
-    following = np.roll(ring, -1, axis=0)
-    edges = shapely.linestrings(np.stack([ring, following], axis=1))
-    edge, point = tree.query(edges, predicate="dwithin", distance=reach)
-    order = np.argsort(edge, kind="stable")
-    bounds = np.searchsorted(edge[order], np.arange(len(ring) + 1))
-    inserted: list[Ring] = []
-    for number, (start, end) in enumerate(zip(ring, following, strict=True)):
-        inserted.append(start[None])
-        near = points[point[order[bounds[number] : bounds[number + 1]]]]
-        near = near[np.any(near != start, axis=1) & np.any(near != end, axis=1)]
-        along = (near - start) @ (end - start)
-        inside = (along > 0) & (along < (end - start) @ (end - start))
-        inserted.append(near[inside][np.argsort(along[inside], kind="stable")])
-    return np.concatenate(inserted)
-
-
-def weld(parts: Sequence[Part]) -> list[Part]:
-    """Make nearly equal vertices equal, and insert vertices into the edges that they touch.
-
-    Vertices move by at most 64 ulp of the largest coordinate. Rings smaller than this distance
-    become empty.
-    """
-    rings = [ring for part in parts for ring in part]
-    reach = max(rounding_tolerance(ring) for ring in rings)
-    sizes = [len(ring) for ring in rings]
-    joined = np.split(_joined_vertices(np.concatenate(rings), reach), np.cumsum(sizes)[:-1])
-    points = np.unique(np.concatenate(joined), axis=0)
-    tree = shapely.STRtree(shapely.points(points))
-    distinct = [ring[np.any(ring != np.roll(ring, 1, axis=0), axis=1)] for ring in joined]
-    welded = iter(
-        [_with_vertices_on_edges(r, tree, points, reach) if len(r) else r for r in distinct]
+    kept, which = np.unique(target, return_inverse=True)
+    number, near = shapely.STRtree(points[kept]).query(
+        polygons, predicate="dwithin", distance=distance
     )
-    return [tuple(next(welded) for _ in part) for part in parts]
+    # GEOS compares each edge with each reference point, so vertices of the polygon are omitted.
+    is_vertex = (coordinates == coordinates[target]).all(axis=1)
+    present = (owner * len(kept) + which)[is_vertex]
+    missing = ~np.isin(number * len(kept) + near, present)
+    touching, index = np.unique(number[missing], return_inverse=True)
+    references = shapely.multipoints(points[kept[near[missing]]], indices=index)
+    welded = polygons.copy()
+    welded[touching] = shapely.snap(polygons[touching], references, distance)
+    return np.where(shapely.is_valid(welded), welded, polygons)
 
 
 # Largest distance of a dropped vertex from its chord, as a fraction of area/diameter. The relative
 # change in area is then the same for thin and compact parts.
 _STRAIGHT = 2.0**-48
-
-# Largest number of vertices intersected at once, to limit the memory use.
-_VERTICES_AT_ONCE = 200_000
 
 _MERGE = "merge them with shapely.union_all, or give a hole as shapely.Polygon(outer, [hole])"
 
@@ -225,6 +208,7 @@ def part_of_ring(vertices: object, name: str = "the ring") -> Part:
 
 
 def _straightened(part: Part) -> Part:
+    """Return a part without vertices that lie between their neighbours up to rounding."""
     while True:
         polygon = polygon_of_part(part)
         simple = straightened(polygon, _STRAIGHT * polygon.area / extent(part[0]))
@@ -247,41 +231,32 @@ def part_of_rings(
     reason = shapely.is_valid_reason(polygon_of_part(part))
     if reason == "Valid Geometry":
         return part
-    welded = weld([part])[0]
-    if all(len(ring) >= 3 for ring in welded) and shapely.is_valid(polygon_of_part(welded)):
-        return welded
+    # Rounding may invalidate a part whose holes touch other rings.
+    exterior, *interiors = _welded(np.array([shapely.Polygon(ring) for ring in part]))
+    welded = shapely.Polygon(exterior.exterior, [hole.exterior for hole in interiors])
+    if shapely.is_valid(welded):
+        return part_of_polygon(welded)
     raise GeometryError(f"expected holes inside {name} that do not overlap, got {reason}; {remedy}")
 
 
-def _check_overlaps(
-    parts: Sequence[Part], polygons: Sequence[shapely.Polygon], remedy: str
+def check_overlaps(
+    polygons: Sequence[shapely.Polygon], things: str, remedy: str, nested: bool = False
 ) -> bool:
-    """Return whether any parts touch; raise GeometryError if parts overlap."""
-    shift = max(rounding_tolerance(part[0]) for part in parts)
+    """Return whether any polygons touch; raise GeometryError if any polygons overlap.
+
+    ``things``: name of the polygons in the message. ``nested``: whether a polygon may lie inside
+    another polygon.
+    """
     array = np.array(polygons, dtype=object)
-    tree = shapely.STRtree(array)
-    step = max(1, _VERTICES_AT_ONCE // int(shapely.get_num_coordinates(array).sum()))
-    touching = False
-    for start in range(0, len(array), step):
-        block = array[start : start + step]
-        first, second = tree.query(block, predicate="dwithin", distance=shift)
-        first += start
-        pairs = first < second
-        if pairs.any():
-            touching = True
-            check_pairs(array, first[pairs], second[pairs], shift, "parts", remedy)
-    return touching
-
-
-def check_pairs(
-    array: NDArray[np.object_],
-    first: NDArray[np.intp],
-    second: NDArray[np.intp],
-    shift: float,
-    things: str,
-    remedy: str,
-) -> None:
-    """Raise GeometryError if pairs of polygons overlap by more than the rounding error `shift`."""
+    shift = rounding_tolerance(shapely.get_coordinates(array))
+    predicate: dict[str, Any] = (
+        {"predicate": "overlaps"} if nested else {"predicate": "dwithin", "distance": shift}
+    )
+    first, second = shapely.STRtree(array).query(array, **predicate)
+    once = first < second
+    first, second = first[once], second[once]
+    if not len(first):
+        return False
     common = shapely.intersection(array[first], array[second])
     # A shift of an edge by the rounding error changes the area by the error times the length.
     # Slivers may be thinner than the error.
@@ -298,51 +273,22 @@ def check_pairs(
             f"expected {things} that do not overlap, got {relation} between {things} {i} and {j} "
             f"around ({spot.x:.15g}, {spot.y:.15g}); {remedy}"
         )
-
-
-def _clean_union(parts: Sequence[Part]) -> list[Part] | None:
-    """Return the union of touching parts; None if GEOS changes the area or adds vertices."""
-    if any(len(ring) < 3 for part in parts for ring in part):
-        # Vertices of a sliver may coincide after welding.
-        return None
-    try:
-        merged = shapely.union_all([polygon_of_part(part) for part in parts])
-    except shapely.errors.GEOSException:
-        return None
-    known = {vertex.tobytes() for part in parts for ring in part for vertex in ring}
-    if not all((v + 0.0).tobytes() in known for v in shapely.get_coordinates(merged)):
-        return None
-    result = [part_of_polygon(polygon) for polygon in polygons_in(merged)]
-    before = shoelace(ring for part in parts for ring in part)
-    after = shoelace(ring for part in result for ring in part)
-    return result if before == after and shapely.is_valid(merged) else None
+    return True
 
 
 def merge_parts(parts: Sequence[Part], remedy: str = _MERGE) -> list[Part]:
-    """Join parts that touch; raise GeometryError if parts overlap."""
+    """Join parts that touch; raise GeometryError with a remedy if parts overlap."""
     polygons = [polygon_of_part(part) for part in parts]
-    if len(parts) == 1 or not _check_overlaps(parts, polygons, remedy):
+    if len(parts) == 1 or not check_overlaps(polygons, "parts", remedy):
         return list(parts)
-    merged = _clean_union(weld(parts)) or _clean_union(parts)
-    if merged is not None:
-        # Corners of merged tiles lie on one line, up to rounding.
-        union = shapely.MultiPolygon([polygon_of_part(part) for part in merged])
-        reach = max(rounding_tolerance(part[0]) for part in merged)
-        return [part_of_polygon(polygon) for polygon in polygons_in(straightened(union, reach))]
-    # Rarely, two edges without common vertices run along each other within a rounding error.
-    return _joined_on_grid(polygons)
+    return union_parts(parts)
 
 
 def union_parts(parts: Sequence[Part]) -> list[Part]:
     """Return the union of parts that may overlap."""
-    try:
-        return merge_parts(parts)
-    except GeometryError:
-        return _joined_on_grid([polygon_of_part(part) for part in parts])
-
-
-def _joined_on_grid(polygons: Sequence[shapely.Polygon]) -> list[Part]:
-    return [part_of_polygon(polygon) for polygon in polygons_in(union_on_grid(polygons))]
+    welded = _welded(np.array([polygon_of_part(part) for part in parts]))
+    union = union_on_grid(welded.tolist())
+    return [part_of_polygon(polygon) for polygon in polygons_in(union)]
 
 
 def _winding_numbers(start: Ring, end: Ring, points: Ring) -> NDArray[np.int64]:
@@ -361,7 +307,10 @@ def _winding_numbers(start: Ring, end: Ring, points: Ring) -> NDArray[np.int64]:
 
 
 def split_ring(vertices: Any, winding: str) -> list[Part]:
-    """Return the parts inside a ring under the fill rule "nonzero" or "evenodd"."""
+    """Return the parts inside a ring that may cross itself.
+
+    ``winding``: the fill rule, "nonzero" or "evenodd".
+    """
     checked_choice(winding, "winding", ("nonzero", "evenodd"))
     ring = clean_ring(vertices, "the ring")
     if shapely.is_valid(shapely.Polygon(ring)):
@@ -391,6 +340,7 @@ def enclosed(rings: Sequence[Ring], winding: str) -> list[shapely.Polygon]:
 
 
 def _is_ring(vertices: Any) -> bool:
+    """Return whether an argument is one ring (n, 2), not a list of rings or polygons."""
     if isinstance(vertices, np.ndarray) and vertices.dtype != object:
         return vertices.ndim <= 2
     if not len(vertices) or isinstance(vertices[0], shapely.Polygon):

@@ -117,6 +117,7 @@ class Polyhedron(Immutable):
 
     @property
     def _key(self) -> tuple[bytes, tuple[tuple[int, ...], ...]]:
+        """Vertices and faces, which are equal for equal bodies."""
         return self.vertices.tobytes(), self.faces
 
     def __repr__(self) -> str:
@@ -127,6 +128,7 @@ class Polyhedron(Immutable):
 
 
 def _largest_distance(points: Vertices) -> float:
+    """Return the largest distance between any two of several points (n, 3)."""
     centre = (points.min(axis=0) + points.max(axis=0)) / 2
     offsets = points - centre
     radii = np.linalg.norm(offsets, axis=1)
@@ -143,6 +145,10 @@ def _largest_distance(points: Vertices) -> float:
 
 
 def _checked_faces(faces: Any, count: int) -> tuple[tuple[int, ...], ...]:
+    """Return faces as tuples of vertex indices below ``count``.
+
+    Raises GeometryError for other values, and for faces with fewer than three different vertices.
+    """
     try:
         numbers = tuple(tuple(operator.index(k) for k in face) for face in faces)
     except (TypeError, ValueError, OverflowError):
@@ -188,6 +194,7 @@ def _check_closed(faces: Sequence[tuple[int, ...]]) -> None:
 
 
 def _check_planar(points: Vertices, faces: Sequence[tuple[int, ...]]) -> None:
+    """Raise GeometryError if a face is not planar, or crosses itself."""
     heights = heights_of(points, faces)
     diameter = float(np.linalg.norm(np.ptp(points, axis=0)))
     for n in np.flatnonzero(heights > _PLANAR * diameter).tolist():
@@ -227,6 +234,7 @@ def _oriented(
 
 
 def _volume_inside(points: Vertices, faces: Sequence[Sequence[int]]) -> float:
+    """Return the volume inside a closed surface; negative if its faces point inwards."""
     centred = points - points.mean(axis=0)
     return sum(
         float((centred[indices[:, 0]] * normals_of(centred[indices])).sum()) / 6
@@ -286,11 +294,13 @@ def _by_size(faces: Sequence[Sequence[int]]) -> list[tuple[Indices, Indices]]:
 
 
 def _unit(vectors: Vertices) -> Vertices:
+    """Return vectors (..., 3) divided by their lengths; zero vectors stay zero."""
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.nan_to_num(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
 
 
 def _are_convex(corners: Vertices) -> NDArray[np.bool_]:
+    """Return a mask (k,) of the planar faces with corners (k, n, 3) that are convex."""
     sides = _unit(np.roll(corners, -1, axis=1) - corners)
     following = np.roll(sides, -1, axis=1)
     normals = _unit(normals_of(corners))
@@ -300,6 +310,11 @@ def _are_convex(corners: Vertices) -> NDArray[np.bool_]:
 
 
 def _triangles_of(points: Vertices, face: Indices, number: int) -> Indices:
+    """Return the vertex indices (m, 3) of triangles that cover a face of any simple shape.
+
+    ``face``: vertex indices (n,). ``number``: index of the face, for the error message. Raises
+    GeometryError if the face crosses itself.
+    """
     corners = points[face]
     normal = _unit(normals_of(corners[None]))[0]
     x = _unit(np.cross(normal, np.eye(3)[np.abs(normal).argmin()]))
@@ -366,6 +381,10 @@ def nesting_of(surfaces: Sequence[Vertices]) -> NDArray[np.bool_]:
 
 
 def _lies_inside(inner: Vertices, outer: Vertices) -> bool:
+    """Return whether the triangles ``inner`` (m, 3, 3) lie inside the closed surface ``outer``.
+
+    About 16 of the triangles are tested, at their centroids.
+    """
     centroids = inner[:: max(1, len(inner) // _SAMPLES)].mean(axis=1)
     size = float(np.ptp(outer.reshape(-1, 3), axis=0).max())
     centroids = centroids[distances_from(outer, centroids) > _ON_SURFACE * size]

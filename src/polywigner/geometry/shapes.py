@@ -46,16 +46,19 @@ __all__ = [
 
 
 def _pair(values: Any, name: str) -> Ring:
+    """Return two finite numbers as an array (2,); raise ArgumentError for other values."""
     return finite_array(values, f"expected {name} to be a pair of finite numbers", (2,))
 
 
 def _require(fits: bool, expected: str, **got: Any) -> None:
+    """Raise ArgumentError with an expectation and the actual values, unless ``fits`` is true."""
     if not fits:
         values = ", ".join(f"{name}={value!r}" for name, value in got.items())
         raise ArgumentError(f"expected {expected}, got {values}")
 
 
 def _circle(radius: float, n: int) -> Ring:
+    """Return n equally spaced points (n, 2) on a circle around the origin."""
     angle = 2 * np.pi * np.arange(n) / n
     return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
@@ -67,6 +70,7 @@ def _equal_area_factor(n: int) -> float:
 
 
 def _box(x: float, y: float, width: float, height: float) -> list[tuple[float, float]]:
+    """Return the corners of a rectangle with its centre at (x, y), counter-clockwise."""
     left, right, bottom, top = x - width / 2, x + width / 2, y - height / 2, y + height / 2
     return [(left, bottom), (right, bottom), (right, top), (left, top)]
 
@@ -218,6 +222,7 @@ def star(points: int, outer: float, inner: float) -> Aperture:
 
 
 def _chevron_vertices(width: Any, height: Any, thickness: Any) -> Ring:
+    """Return the vertices (6, 2) of a chevron; raise ArgumentError for inconsistent sizes."""
     x, y = _length(width, "width") / 2, _length(height, "height") / 2
     t = _length(thickness, "thickness")
     _require(t < 2 * y, "thickness to be smaller than height", thickness=thickness, height=height)
@@ -377,6 +382,7 @@ def double_slit(widths: ArrayLike, height: float, offsets: ArrayLike) -> Apertur
 
 
 def _two_slits(widths: ArrayLike, offsets: ArrayLike) -> list[tuple[float, float]]:
+    """Return the centre and the width of each of two slits."""
     single = np.isscalar(widths) or getattr(widths, "ndim", None) == 0
     pair = _pair((widths, widths) if single else widths, "widths")
     centres = _pair(offsets, "offsets")
@@ -519,4 +525,5 @@ def interferometer(positions: ArrayLike, radius: float, n: int = 32) -> Aperture
 
 
 def __dir__() -> list[str]:
+    """Return the names of the shapes."""
     return sorted(__all__)

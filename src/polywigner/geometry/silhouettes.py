@@ -71,7 +71,7 @@ class Obstacle:
         return distances_from(self.vertices[self.triangles], points)
 
     def heights(self, source: Floats) -> Floats:
-        """Return the heights (t,) of a source above the planes of the triangles."""
+        """Return the heights (t,) of a source point (3,) above the planes of the triangles."""
         normals = self.normals / np.linalg.norm(self.normals, axis=1)[:, None]
         first = self.vertices[self.triangles[:, 0]]
         return np.asarray(np.einsum("tk,tk->t", normals[self.owner], source - first))
@@ -89,7 +89,7 @@ class Obstacle:
         return self.vertices[keys[times == 1]] if (times == 1).any() else None
 
     def silhouette(self, source: Floats) -> Indices:
-        """Return the vertex indices (m, 2) of the directed edges of the silhouette."""
+        """Return the vertex indices (m, 2) of the silhouette edges for a source point (3,)."""
         facing = self.facing(source)
         start, end = self.triangles.T.ravel(), np.roll(self.triangles, -1, axis=1).T.ravel()
         sign = np.where(start < end, 1.0, -1.0) * np.tile(facing, 3)
@@ -120,7 +120,11 @@ class Obstacle:
         return self.vertices[self.silhouette(_AFAR * size / np.linalg.norm(towards) * towards)]
 
     def cut(self, origin: Floats, along: Floats) -> Floats:
-        """Return the segments (k, 2, 2) in which the surface meets a plane with axes (2, 3)."""
+        """Return the segments (k, 2, 2) in which the surface meets a plane.
+
+        The plane contains ``origin`` (3,) and the vectors ``along`` (2, 3). The segments are in
+        coordinates along these vectors.
+        """
         normal = np.cross(*along)
         height = (self.vertices - origin) @ normal
         if np.abs(height).max() <= ON * np.ptp(self.vertices, axis=0).max():
@@ -235,7 +239,7 @@ class Obstacles:
         return np.concatenate([body.vertices for body in self.bodies])
 
     def beyond(self, source: Floats, points: Floats) -> NDArray[np.bool_]:
-        """Return a mask of points (n, 3) beyond all bodies as seen from a source.
+        """Return a mask of the points (n, 3) beyond all bodies, as seen from a source point (3,).
 
         Points in the cone opposite to the bodies are excluded.
         """
@@ -256,7 +260,7 @@ class Obstacles:
 
     def silhouette(self, source: Floats) -> Silhouette:
         """Return the shadow edges of all bodies for a point source at a position (3,)."""
-        alone = self._hide_nothing(source)
+        alone = self._bodies_that_hide_nothing(source)
         parts = [self._mesh_silhouette(number, source) for number in np.flatnonzero(alone).tolist()]
         if not alone.all():
             parts.append(
@@ -270,12 +274,13 @@ class Obstacles:
         return replace(seen, planes=planes)
 
     def _mesh_silhouette(self, number: int, source: Floats) -> Silhouette:
+        """Return the silhouette of one body that no other body hides."""
         body = self.bodies[number]
         ends = body.silhouette(source)
         bodies, behind = np.full(len(ends), number), np.full(len(ends), -1)
         return Silhouette(body.vertices[ends], self._edge_numbers(number, ends), bodies, behind)
 
-    def _hide_nothing(self, source: Floats) -> NDArray[np.bool_]:
+    def _bodies_that_hide_nothing(self, source: Floats) -> NDArray[np.bool_]:
         """Return a mask of the bodies that hide no part of themselves or of another body."""
         cones = [_cone(body.vertices - source) for body in self.bodies]
         axes = np.array([axis for axis, _ in cones])
@@ -289,7 +294,7 @@ class Obstacles:
 
     @cached_property
     def contact(self) -> float:
-        """Largest distance between bodies that count as in contact."""
+        """Largest distance at which two bodies count as in contact."""
         return max(_CLOSED, _ROUNDED * float(np.ptp(self.vertices, axis=0).max()))
 
     @cached_property
@@ -310,8 +315,8 @@ class Obstacles:
             pairs += [(k, number) for number in within if number != k]
         return np.unique(np.sort(np.array(pairs, np.intp).reshape(-1, 2), axis=1), axis=0)
 
-    def are_one(self, one: Indices, other: Indices) -> NDArray[np.bool_]:
-        """Return a mask of pairs of bodies that are the same body or in contact."""
+    def are_in_contact(self, one: Indices, other: Indices) -> NDArray[np.bool_]:
+        """Return a mask (n,) of the pairs of body indices that are equal or in contact."""
         keys = (self.contacts @ [[len(self.bodies), 1], [1, len(self.bodies)]]).ravel()
         return np.asarray((one == other) | np.isin(one * len(self.bodies) + other, keys))
 
@@ -322,14 +327,19 @@ class Obstacles:
 
     @cached_property
     def _first_faces(self) -> Indices:
+        """Index of the first face of each body in the list of all faces, shape (k + 1,)."""
         return np.cumsum([0, *(len(body.normals) for body in self.bodies)])
 
     @cached_property
     def _first_edges(self) -> Indices:
+        """Smallest number of the edges of each body, shape (k + 1,); see ``_edge_numbers``."""
         return np.cumsum([0, *(len(body.vertices) ** 2 for body in self.bodies)])
 
     def _edge_numbers(self, number: int, ends: Indices) -> Indices:
-        """Return numbers, unique among all bodies, for the edges between vertices (..., 2)."""
+        """Return a number for each edge between two vertices (..., 2) of a body.
+
+        The numbers are unique among all bodies, and independent of the direction of the edge.
+        """
         low, high = ends.min(axis=-1), ends.max(axis=-1)
         count = len(self.bodies[number].vertices)
         return np.asarray(self._first_edges[number] + low * count + high)
@@ -396,9 +406,9 @@ class Obstacles:
     def hide(
         self, source: Floats, points: Floats, within: Floats | float = 0.0
     ) -> NDArray[np.bool_]:
-        """Return a mask of points (n, 3) that a surface hides from a source.
+        """Return a mask of the points (n, 3) that a body hides from a source point (3,).
 
-        Surfaces whose planes are within a distance ``within`` (n,) of the source or the point are
+        Faces whose planes are within a distance ``within`` (n,) of the source or the point are
         ignored.
         """
         hidden = np.zeros(len(points), bool)
@@ -457,12 +467,12 @@ def hits(corners: Floats, rays: Floats) -> Iterator[tuple[slice, Floats, Floats]
     step = max(1, PAIRS // len(corners))
     for start in range(0, len(rays), step):
         some = slice(start, start + step)
-        shares = np.stack([rays[some] @ side.T for side in sides])
-        total = shares.sum(axis=0)
+        products = np.stack([rays[some] @ side.T for side in sides])
+        total = products.sum(axis=0)
         sign = np.sign(total)
         with np.errstate(divide="ignore", invalid="ignore"):
             at = volume / total
-        met = (shares * sign >= 0.0).all(axis=0) & (at > 0.0) & (sign != 0.0)
+        met = (products * sign >= 0.0).all(axis=0) & (at > 0.0) & (sign != 0.0)
         yield some, np.where(met, at, np.inf), height
 
 
@@ -480,7 +490,7 @@ def contacts(
         mesh if rim is None else rim[:, [0, 1, 1]] for mesh, rim in zip(meshes, rims, strict=True)
     ]
     pairs = []
-    for one, other in np.column_stack(_overlapping(boxes, boxes, within)).tolist():
+    for one, other in np.column_stack(_overlapping_boxes(boxes, boxes, within)).tolist():
         if one < other and (
             any(_are_near(*some, within) for some in _near(ends[one], ends[other], within))
             or any(_cross(*some, within).any() for some in _near(meshes[one], meshes[other], 0.0))
@@ -489,7 +499,7 @@ def contacts(
     return pairs
 
 
-def _overlapping(boxes: Floats, others: Floats, within: float) -> tuple[Indices, Indices]:
+def _overlapping_boxes(boxes: Floats, others: Floats, within: float) -> tuple[Indices, Indices]:
     """Return pairs of boxes (n, 2, 3), given by two corners, that are at most ``within`` apart."""
     low, high = boxes[:, 0] - within, boxes[:, 1] + within
     tree = shapely.STRtree(shapely.box(*others[:, 0, :2].T, *others[:, 1, :2].T))
@@ -499,6 +509,11 @@ def _overlapping(boxes: Floats, others: Floats, within: float) -> tuple[Indices,
 
 
 def _near(one: Floats, other: Floats, within: float) -> Iterator[tuple[Floats, Floats]]:
+    """Yield pairs of triangles whose boxes are at most ``within`` apart.
+
+    The pairs consist of a triangle of the mesh ``one`` (t, 3, 3) and a triangle of the mesh
+    ``other``. They are yielded in blocks of two arrays (n, 3, 3).
+    """
     boxes = [np.stack([mesh.min(axis=1), mesh.max(axis=1)], axis=1) for mesh in (one, other)]
     rows = []
     for mine, theirs in (boxes, boxes[::-1]):
@@ -506,13 +521,14 @@ def _near(one: Floats, other: Floats, within: float) -> Iterator[tuple[Floats, F
             return
         low, high = theirs[:, 0].min(axis=0) - within, theirs[:, 1].max(axis=0) + within
         rows.append(np.flatnonzero(((mine[:, 0] <= high) & (mine[:, 1] >= low)).all(axis=1)))
-    first, second = _overlapping(boxes[0][rows[0]], boxes[1][rows[1]], within)
+    first, second = _overlapping_boxes(boxes[0][rows[0]], boxes[1][rows[1]], within)
     for start in range(0, len(first), _PAIRS_OF_TRIANGLES):
         some = slice(start, start + _PAIRS_OF_TRIANGLES)
         yield one[rows[0][first[some]]], other[rows[1][second[some]]]
 
 
 def _are_near(one: Floats, other: Floats, within: float) -> bool:
+    """Return whether the triangles of any pair are at most ``within`` apart, or cross."""
     is_near = any(
         (point_distances(np.moveaxis(corners, 1, 0), triangles) <= within).any()
         for corners, triangles in ((one, other), (other, one))
@@ -521,7 +537,7 @@ def _are_near(one: Floats, other: Floats, within: float) -> bool:
 
 
 def _cross(one: Floats, other: Floats, depth: float) -> NDArray[np.bool_]:
-    """Return a mask of the pairs of triangles that cross by more than ``depth``."""
+    """Return a mask (n,) of the pairs of triangles that cross by more than ``depth``."""
     crosses = np.zeros(len(one), bool)
     for mine, theirs in ((one, other), (other, one)):
         a, b, c = np.moveaxis(theirs, 1, 0)

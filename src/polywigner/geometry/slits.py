@@ -47,7 +47,7 @@ class Slits(TakesWaves):
     """Field on the slits; None for the field 1."""
 
     def __init__(self, intervals: ArrayLike) -> None:
-        self._set(intervals=_ascending(intervals), illumination=None)
+        self._set(intervals=_merged_intervals(intervals), illumination=None)
 
     def with_illumination(self, illumination: Illumination | None) -> Slits:
         """Return the slits with a different field.
@@ -120,6 +120,7 @@ class Slits(TakesWaves):
 
     @cached_property
     def _key(self) -> tuple[bytes, Illumination | None]:
+        """Intervals and field, which are equal for equal slits."""
         return (self.intervals + 0.0).tobytes(), self.illumination
 
     def __repr__(self) -> str:
@@ -127,7 +128,11 @@ class Slits(TakesWaves):
         return f"Slits({self.intervals.tolist()}{field})"
 
 
-def _ascending(intervals: Any) -> NDArray[np.float64]:
+def _merged_intervals(intervals: Any) -> NDArray[np.float64]:
+    """Return intervals (m, 2) in ascending order, with starts before ends; merge those that touch.
+
+    Raises GeometryError if an interval has zero width, or intervals overlap.
+    """
     expected = "expected slits to be an (m, 2) array of starts and ends"
     array = finite_array(intervals, expected, (None, 2), (2,), error=GeometryError).reshape(-1, 2)
     array = np.sort(array, axis=1)

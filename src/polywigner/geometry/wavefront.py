@@ -228,6 +228,7 @@ class Wavefront(TakesWaves):
         self._set(source=source, curvature=q, centre=c, coherence_width=width, wavelength=length)
 
     def at_wavelength(self, wavelength: float) -> Wavefront:
+        """Return the source at another wavelength, with the curvature that its wave has there."""
         length = checked_wavelength(wavelength)
         source = self.source.at_wavelength(length)
         if self.wavelength in (None, length):
@@ -236,6 +237,7 @@ class Wavefront(TakesWaves):
         return self._with(source=source, curvature=q, wavelength=length)
 
     def _with(self, **changes: Any) -> Wavefront:
+        """Return a copy of the wavefront with other values of some constructor arguments."""
         return Wavefront(**{**self.__getstate__(), **changes})
 
     @property
@@ -278,9 +280,10 @@ class Wavefront(TakesWaves):
 
     def plot(self, ax: Any = None, unit: str = "mm") -> Any:
         """Plot the outline of an aperture, see :meth:`Aperture.plot`."""
-        return self._of_source("plot")(ax, unit)
+        return self._source_method("plot")(ax, unit)
 
-    def _of_source(self, name: str) -> Any:
+    def _source_method(self, name: str) -> Any:
+        """Return a method of the flat source; raise ArgumentError if the source has none."""
         method = getattr(self.source, name, None)
         if method is None:
             kind = type(self.source).__name__
@@ -299,7 +302,7 @@ class Wavefront(TakesWaves):
     def moved(self, shift: ArrayLike) -> Wavefront:
         """Return the source and its wave, translated by ``shift`` in metres, shape (d,)."""
         offset = checked_shift(shift, self.dimension)
-        return self._with(source=self._of_source("moved")(offset), centre=self.centre + offset)
+        return self._with(source=self._source_method("moved")(offset), centre=self.centre + offset)
 
     def turned(self, angle: float) -> Wavefront:
         """Return the source and its wave, rotated about the origin by an angle in radians."""
@@ -309,14 +312,14 @@ class Wavefront(TakesWaves):
         q = rotation @ self.curvature @ rotation.T
         centre = turned_points(self.centre[None], angle)[0]
         return self._with(
-            source=self._of_source("turned")(angle), curvature=(q + q.T) / 2, centre=centre
+            source=self._source_method("turned")(angle), curvature=(q + q.T) / 2, centre=centre
         )
 
     def scaled(self, factor: float) -> Wavefront:
         """Return the source and its wave, scaled about the origin by a factor."""
         size = checked_length(factor, "factor")
         return self._with(
-            source=self._of_source("scaled")(size),
+            source=self._source_method("scaled")(size),
             curvature=self.curvature / size**2,
             centre=self.centre * size,
             coherence_width=self.coherence_width * size,
@@ -324,6 +327,7 @@ class Wavefront(TakesWaves):
 
     @cached_property
     def _key(self) -> tuple[Any, ...]:
+        """Source and parameters of its wave, which are equal for equal wavefronts."""
         q, c = self.curvature + 0.0, self.centre + 0.0
         design = None if self.is_flat else self.wavelength
         return self.source, q.tobytes(), c.tobytes(), self.coherence_width, design
@@ -350,6 +354,7 @@ def _curvature_of(
 
 
 def _checked_width(value: Any, name: str) -> float:
+    """Return a coherence width above zero, possibly infinite; raise ArgumentError for others."""
     if np.isscalar(value) and value == np.inf:
         return math.inf
     return checked_length(value, name)

@@ -485,7 +485,7 @@ def blocked_edges(bodies: Obstacles, seen: Sequence[Silhouette], source: Floats)
     walls = connected(len(bodies.bodies), *pairs.T)
     (rows,) = np.nonzero(behind >= 0)
     body = bodies.body_of_face(behind[rows])
-    is_own = (walls[front[rows]] == walls[body]) | bodies.are_one(front[rows], body)
+    is_own = (walls[front[rows]] == walls[body]) | bodies.are_in_contact(front[rows], body)
     group[rows[is_own]] = OWN_SURFACE
     rows, body = rows[~is_own], body[~is_own]
     if not len(rows):

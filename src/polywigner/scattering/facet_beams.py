@@ -27,9 +27,9 @@ from polywigner.geometry.hidden_parts import (
     Shapes,
     in_triangles,
     intersections,
-    less_shadows,
     mended,
     unions,
+    visible_parts,
 )
 from polywigner.numerics import Complex, Floats, Indices
 from polywigner.scattering.facets import (
@@ -335,7 +335,7 @@ def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
     grid = GRID * facets.size
     lit = intersections(window[meets], triangles, grid)
     boxes = _displaced_boxes(projected.points, beam[number], facets.size)
-    shadowed, left = less_shadows(projected, triangles, lit, boxes, grid)
+    shadowed, left = visible_parts(projected, triangles, lit, boxes, grid)
     lit[shadowed] = left
     least = NOTHING * facets.size * shapely.length(triangles)
     number, lit = number[shapely.area(lit) > least], lit[shapely.area(lit) > least]

@@ -27,8 +27,8 @@ from polywigner.geometry.hidden_parts import (
     in_perspective,
     in_triangles,
     intersections,
-    less_shadows,
     mended,
+    visible_parts,
 )
 from polywigner.geometry.parts import connected
 from polywigner.geometry.silhouettes import obstacle_of, shells
@@ -295,7 +295,7 @@ def _visible(facets: Facets, signs: Sides, project: Callable[[Floats], Projected
     wide = projected.has_width
     rows, projected = rows[wide], projected.subset(wide)
     polygons = np.asarray(shapely.polygons(projected.points), dtype=object)
-    touched, left = less_shadows(projected, polygons, polygons)
+    touched, left = visible_parts(projected, polygons, polygons)
     if not len(touched):
         return Visible(signs, parts)
     areas, least = shapely.area(left), NOTHING * facets.size * shapely.length(polygons[touched])

@@ -21,12 +21,12 @@ from polywigner.geometry.io.outlines import (
     File,
     Points,
     Spline,
+    allowed_distance,
     check_known,
     chords,
-    depths,
     filled,
     nested,
-    reach_of,
+    nesting_depths,
     sampled,
     transformed,
 )
@@ -67,11 +67,14 @@ Path = list[Curve]
 
 @dataclass(frozen=True, eq=False)
 class _Shape:
+    """The boundaries of one entity, each as a list of paths that form one closed outline."""
+
     boundaries: list[list[Path]]
     style: int | None = None
     """Style of a hatch; None for outlines, which have only one path."""
 
     def transformed(self, matrix: Points, offset: Points) -> _Shape:
+        """Return the image of the shape under p -> p @ matrix + offset."""
         images = [
             [[transformed(curve, matrix, offset) for curve in path] for path in paths]
             for paths in self.boundaries
@@ -80,44 +83,55 @@ class _Shape:
 
 
 def _sample_points(path: Path) -> Points:
+    """Return some points (n, d) along a path, which approximate its extent."""
     return np.concatenate([sampled(curve, 8) for curve in path])
 
 
 def _ends(path: Path) -> Points:
+    """Return the first and the last point of a path, shape (2, d)."""
     return np.stack([sampled(path[0])[0], sampled(path[-1])[-1]])
 
 
-def _array(points: Iterable[Any]) -> Points:
+def _spatial(points: Iterable[Any]) -> Points:
+    """Return points as an array (n, 3), with z = 0 for plane points.
+
+    Raises FileFormatError for coordinates that are not finite or too large.
+    """
     array = np.array([[*p, 0.0][:3] for p in points], dtype=np.float64).reshape(-1, 3)
     check_coordinates(array)
     return array
 
 
-def _elliptic(centre: Points, u: Points, v: Points, start: float, end: float) -> Arc:
+def _elliptic_arc(centre: Points, u: Points, v: Points, start: float, end: float) -> Arc:
+    """Return an arc of an ellipse between two angles in radians; full if they are equal."""
     sweep = (end - start) % math.tau
     is_full = abs(math.remainder(sweep, math.tau)) <= _SAME * math.tau
     return Arc(centre, u, v, start, math.tau if is_full else sweep)
 
 
-def _curves(kind: str, item: Any) -> Path:
+def _path_of(kind: str, item: Any) -> Path:
+    """Convert a line, arc, circle, ellipse or spline of ezdxf to a path of one curve.
+
+    ``kind``: type of the entity or edge in capital letters.
+    """
     data = getattr(item, "dxf", item)
     if kind == "LINE":
-        return [_array([data.start, data.end])]
+        return [_spatial([data.start, data.end])]
     if kind in ("ARC", "CIRCLE"):
-        (centre,), (x, y, _) = _array([data.center]), data.radius * np.eye(3)
+        (centre,), (x, y, _) = _spatial([data.center]), data.radius * np.eye(3)
         angles = (0.0, 0.0) if kind == "CIRCLE" else (data.start_angle, data.end_angle)
-        return [_elliptic(centre, x, y, math.radians(angles[0]), math.radians(angles[1]))]
+        return [_elliptic_arc(centre, x, y, math.radians(angles[0]), math.radians(angles[1]))]
     tool = item.construction_tool()
     if kind == "ELLIPSE":
-        centre, x, y = _array([tool.center, tool.major_axis, tool.minor_axis])
-        return [_elliptic(centre, x, y, tool.start_param, tool.end_param)]
-    control = _array(tool.control_points)
+        centre, x, y = _spatial([tool.center, tool.major_axis, tool.minor_axis])
+        return [_elliptic_arc(centre, x, y, tool.start_param, tool.end_param)]
+    control = _spatial(tool.control_points)
     # ezdxf would evaluate unclamped splines outside their range of knots.
     breaks = np.unique(list(tool.knots())[tool.degree : len(control) + 1])
-    return [Spline(control, lambda t: _array(tool.points(t.tolist())), breaks)]
+    return [Spline(control, lambda t: _spatial(tool.points(t.tolist())), breaks)]
 
 
-def _bulged(rows: Points, is_closed: bool, height: float = 0.0) -> Path:
+def _path_of_bulges(rows: Points, is_closed: bool, height: float = 0.0) -> Path:
     """Return the lines and arcs of a polyline, from rows (n, 3) of x, y and bulge."""
     rows = np.concatenate([rows, rows[: int(is_closed)]])
     points, bulges = np.insert(rows[:, :2], 2, height, axis=1), rows[:-1, 2]
@@ -135,7 +149,11 @@ def _bulged(rows: Points, is_closed: bool, height: float = 0.0) -> Path:
     return curves
 
 
-def _polyline(polyline: Any, layer: str) -> Path:
+def _path_of_polyline(polyline: Any, layer: str) -> Path:
+    """Convert a plane polyline to a path; raise FileFormatError if it has a width.
+
+    ``layer``: name of its layer, for the error message.
+    """
     if polyline.has_width:
         raise FileFormatError(
             f"expected polylines of width zero, got one with a width on layer {layer[:60]!r}; "
@@ -146,37 +164,43 @@ def _polyline(polyline: Any, layer: str) -> Path:
     else:
         rows = [(*v.dxf.location.vec2, v.dxf.get("bulge", 0.0)) for v in polyline.vertices]
         height = polyline.dxf.elevation.z
-    return _bulged(np.array(rows).reshape(-1, 3), polyline.is_closed, height)
+    return _path_of_bulges(np.array(rows).reshape(-1, 3), polyline.is_closed, height)
 
 
-def _hatch(hatch: Any) -> list[list[Path]]:
+def _hatch_boundaries(hatch: Any) -> list[list[Path]]:
+    """Return the boundaries of a hatch; each is a list of paths that form one outline."""
     boundaries = []
     for boundary in hatch.paths:
         if hasattr(boundary, "vertices"):
             rows = np.array(boundary.vertices, dtype=np.float64).reshape(-1, 3)
-            boundaries.append([_bulged(rows, True)] if len(rows) else [])
+            boundaries.append([_path_of_bulges(rows, True)] if len(rows) else [])
         else:
             kinds = [type(edge).__name__.removesuffix("Edge").upper() for edge in boundary.edges]
-            boundaries.append([_curves(*pair) for pair in zip(kinds, boundary.edges, strict=True)])
+            boundaries.append([_path_of(*pair) for pair in zip(kinds, boundary.edges, strict=True)])
     return boundaries
 
 
 def _shape_of(entity: Any, layer: str) -> _Shape:
+    """Convert an entity to a shape in world coordinates.
+
+    Raises FileFormatError for unsupported types. ``layer``: name of its layer, for the error
+    message.
+    """
     kind = entity.dxftype()
     if kind in ("LINE", "ELLIPSE", "SPLINE"):
-        return _Shape([[_curves(kind, entity)]])
+        return _Shape([[_path_of(kind, entity)]])
     if kind in ("SOLID", "TRACE"):
-        return _Shape([[[_array(entity.wcs_vertices(close=True))]]], 0)
+        return _Shape([[[_spatial(entity.wcs_vertices(close=True))]]], 0)
     if kind == "POLYLINE" and entity.is_3d_polyline:
-        points = _array(v.dxf.location for v in entity.vertices)
+        points = _spatial(v.dxf.location for v in entity.vertices)
         return _Shape([[[np.concatenate([points, points[: int(entity.is_closed)]])]]])
     offset = np.zeros(3)
     if kind in ("ARC", "CIRCLE"):
-        shape = _Shape([[_curves(kind, entity)]])
+        shape = _Shape([[_path_of(kind, entity)]])
     elif kind == "LWPOLYLINE" or (kind == "POLYLINE" and entity.is_2d_polyline):
-        shape = _Shape([[_polyline(entity, layer)]])
+        shape = _Shape([[_path_of_polyline(entity, layer)]])
     elif kind == "HATCH":
-        shape = _Shape(_hatch(entity), int(entity.dxf.get("hatch_style", 0)))
+        shape = _Shape(_hatch_boundaries(entity), int(entity.dxf.get("hatch_style", 0)))
         offset[2] = entity.dxf.elevation.z
     else:
         raise FileFormatError(
@@ -184,7 +208,7 @@ def _shape_of(entity: Any, layer: str) -> _Shape:
             "convert it to polylines, or move it to a layer that is off"
         )
     # Planar DXF entities have an object coordinate system.
-    axes = _array(map(entity.ocs().to_wcs, np.eye(3).tolist()))
+    axes = _spatial(map(entity.ocs().to_wcs, np.eye(3).tolist()))
     return shape.transformed(axes, offset @ axes)
 
 
@@ -200,15 +224,19 @@ def load_dxf(file: File) -> Drawing:
         )
     space = _Space(document, file.layers)
     shapes = list(space.shapes(document.modelspace()))
-    return _assembled(shapes, _UNITS.get(code, file.unit_metres), file)
+    return _drawing_of(shapes, _UNITS.get(code, file.unit_metres), file)
 
 
 def _layer_of(entity: Any) -> str:
+    """Return the name of the layer of an entity; by default "0"."""
     return str(entity.dxf.get("layer", "0"))
 
 
 class _Space:
+    """The layers of a drawing, and which of them are read."""
+
     def __init__(self, document: Any, layers: Sequence[str]) -> None:
+        """Determine the layers to be read; raise ArgumentError if a requested layer is missing."""
         self.requested = {name.lower() for name in layers}
         table = {layer.dxf.name.lower(): layer for layer in document.layers}
         frozen = {name for name, layer in table.items() if layer.is_frozen()}
@@ -231,13 +259,18 @@ class _Space:
             if kind == "INSERT":
                 # Frozen layers hide inserted blocks; layers that are off do not.
                 if layer.lower() not in self.frozen:
-                    yield from self._inserted(entity, layer)
+                    yield from self._shapes_of_insert(entity, layer)
             elif layer.lower() not in self.hidden and (
                 not self.requested or layer.lower() in self.requested
             ):
                 yield _shape_of(entity, layer)
 
-    def _inserted(self, insert: Any, layer: str) -> Iterator[_Shape]:
+    def _shapes_of_insert(self, insert: Any, layer: str) -> Iterator[_Shape]:
+        """Yield the shapes of an inserted block, at each of its positions.
+
+        ``layer``: layer on which the block is inserted. Raises FileFormatError if the block is
+        missing, external or clipped.
+        """
         block, clip = insert.block(), importlib.import_module("ezdxf.xclip").XClip
         if block is None or block.block.is_xref or clip(insert).has_clipping_path:
             raise FileFormatError(
@@ -252,7 +285,12 @@ class _Space:
                 yield shape.transformed(matrix[:3, :3], matrix[3, :3])
 
 
-def _assembled(shapes: list[_Shape], metres: float, file: File) -> Drawing:
+def _drawing_of(shapes: list[_Shape], metres: float, file: File) -> Drawing:
+    """Return the polygons of plane shapes: nested outlines, and the union of all hatches.
+
+    ``metres``: length of the drawing unit. Raises FileFormatError if the shapes do not lie in one
+    plane, or enclose no area.
+    """
     paths = [path for shape in shapes for boundary in shape.boundaries for path in boundary]
     if not paths:
         raise FileFormatError(
@@ -271,25 +309,25 @@ def _assembled(shapes: list[_Shape], metres: float, file: File) -> Drawing:
     shapes = [shape.transformed(np.eye(3)[:, :2], np.zeros(2)) for shape in shapes]
     hatches = [shape for shape in shapes if shape.style is not None]
     painted = [
-        [ring for paths in hatch.boundaries for ring in _rings(paths, gap, tolerance)]
+        [ring for paths in hatch.boundaries for ring in _closed_rings(paths, gap, tolerance)]
         for hatch in hatches
     ]
     single = [shape.boundaries[0][0] for shape in shapes if shape.style is None]
-    rings = _rings(single, gap, tolerance)
+    rings = _closed_rings(single, gap, tolerance)
     if not any([rings, *painted]):
         raise FileFormatError(
             "expected outlines that enclose an area, got only outlines of zero area"
         )
     polygons = nested(rings, file.union) if rings else []
-    return Drawing(polygons + _painted(hatches, painted), metres)
+    return Drawing(polygons + _union_of_hatches(hatches, painted), metres)
 
 
-def _painted(hatches: Sequence[_Shape], painted: Sequence[list[Ring]]) -> list[list[Ring]]:
+def _union_of_hatches(hatches: Sequence[_Shape], painted: Sequence[list[Ring]]) -> list[list[Ring]]:
     """Return the polygons of the union of all hatches; ``painted``: the rings of each hatch."""
     polygons = []
     for hatch, rings in zip(hatches, painted, strict=True):
         deepest = _DEEPEST.get(hatch.style or 0, 0)
-        outer = [ring for ring, d in zip(rings, depths(rings), strict=True) if d <= deepest]
+        outer = [ring for ring, d in zip(rings, nesting_depths(rings), strict=True) if d <= deepest]
         polygons += filled(outer, "evenodd")
     if len(hatches) < 2:
         return polygons
@@ -297,29 +335,30 @@ def _painted(hatches: Sequence[_Shape], painted: Sequence[list[Ring]]) -> list[l
     return [rings_of_polygon(polygon) for polygon in polygons_in(union)]
 
 
-def _rings(paths: Sequence[Path], gap: float, tolerance: float | None) -> list[Ring]:
+def _closed_rings(paths: Sequence[Path], gap: float, tolerance: float | None) -> list[Ring]:
     """Return rings (n, 2) of closed paths, and of chains of paths whose ends meet."""
     # Paths shorter than the gap count as points.
     paths = [path for path in paths if extent(_sample_points(path)) > gap]
     is_open = [extent(_ends(path)) > gap for path in paths]
     runs = [[(path, False)] for path in compress(paths, np.logical_not(is_open))]
     loose = list(compress(paths, is_open))
-    for chain in _chains([_ends(path) for path in loose], gap):
+    for chain in _closed_chains([_ends(path) for path in loose], gap):
         runs.append([(loose[k], is_reversed) for k, is_reversed in chain])
     rings = []
     for run in runs:
-        reach = reach_of([curve for path, _ in run for curve in path], tolerance)
-        pieces = [_chords(path, reach)[:: -1 if back else 1] for path, back in run]
+        distance = allowed_distance([curve for path, _ in run for curve in path], tolerance)
+        pieces = [_path_chords(path, distance)[:: -1 if back else 1] for path, back in run]
         rings.append(np.concatenate([piece[:-1] for piece in pieces]))
     return [ring for ring in rings if len(ring) > 2]
 
 
-def _chords(path: Path, reach: float) -> Points:
-    pieces = [chords(curve, reach) for curve in path]
+def _path_chords(path: Path, distance: float) -> Points:
+    """Return the vertices (n, d) of chords within ``distance`` of a path."""
+    pieces = [chords(curve, distance) for curve in path]
     return np.concatenate([*(piece[:-1] for piece in pieces[:-1]), pieces[-1]])
 
 
-def _chains(tips: Sequence[Points], gap: float) -> list[list[tuple[int, bool]]]:
+def _closed_chains(tips: Sequence[Points], gap: float) -> list[list[tuple[int, bool]]]:
     """Connect paths whose ends are at most `gap` apart into closed chains.
 
     ``tips``: ends (2, 3) of each path. A chain is a list of (path number, whether it is reversed).

@@ -25,6 +25,10 @@ _TRANSFORMATION, _ABSOLUTE = 0x1A, 0x0006
 
 
 def _requested_cell(library: Any, name: str | None) -> gdstk.Cell:
+    """Return the cell with a name, or the only top-level cell if the name is None.
+
+    Raises FileFormatError if there is no such cell.
+    """
     cells = {cell.name: cell for cell in library.cells if hasattr(cell, "get_polygons")}
     top = [cell.name for cell in library.top_level() if cell.name in cells]
     if name is None and len(top) == 1:
@@ -56,6 +60,7 @@ def _check_transformations(content: bytes) -> None:
 
 
 def _check_references(cells: Iterable[Any]) -> None:
+    """Raise FileFormatError if a cell refers to a cell that the file does not contain."""
     for cell in cells:
         for reference in cell.references:
             if isinstance(reference.cell, str):
@@ -82,11 +87,12 @@ def _check_cycles(cells: Iterable[Any]) -> None:
 
 
 def _layer_names(layer: int, data_type: int) -> tuple[str, str]:
+    """Return the two names of a layer, "layer" and "layer/data type"."""
     return f"{layer}", f"{layer}/{data_type}"
 
 
 def _shapes(cell: Any) -> Iterator[tuple[str, str, Ring]]:
-    """Yield the outlines of polygons and paths, with "layer" and "layer/data type"."""
+    """Yield the two layer names and the outline (n, 2) of each polygon and path of a cell."""
     for polygon in cell.get_polygons(include_paths=False):
         yield *_layer_names(polygon.layer, polygon.datatype), polygon.points
     # get_polygons loses the absolute widths of paths in references.

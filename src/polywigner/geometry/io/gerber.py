@@ -26,10 +26,10 @@ from polywigner.geometry.io.outlines import (
     Drawing,
     File,
     Points,
+    allowed_distance,
     chords,
     filled,
     flattened,
-    reach_of,
 )
 from polywigner.geometry.parts import combined_on_grid, polygons_in, union_on_grid
 from polywigner.geometry.rings import rings_of_polygon
@@ -73,6 +73,7 @@ Layers = Iterable[tuple[bool, BaseGeometry]]
 
 
 def _refusal(expected: str, got: str, advice: str = "export the layer again") -> FileFormatError:
+    """Return the FileFormatError "expected ..., got ...; advice"."""
     return FileFormatError(f"expected {expected}, got {got}; {advice}")
 
 
@@ -95,7 +96,7 @@ def _statements(text: str) -> Iterator[tuple[str, int]]:
         )  # fmt: skip
 
 
-def _checked(text: str) -> tuple[str, str]:
+def _checked_statements(text: str) -> tuple[str, str]:
     """Return a Gerber file's statements as gerbonara accepts them, and the unit "MM" or "IN"."""
     statements: list[str] = []
     unit = ""
@@ -130,6 +131,7 @@ def _checked(text: str) -> tuple[str, str]:
 
 
 def _objects_of(text: str) -> list[Any]:
+    """Return the graphical objects that gerbonara reads; its warnings raise an exception."""
     library: Any = import_module("gerbonara.rs274x")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -137,7 +139,7 @@ def _objects_of(text: str) -> list[Any]:
         return list(library.GerberFile.from_string(text).objects)
 
 
-def _composed(layers: Layers) -> BaseGeometry:
+def _copper(layers: Layers) -> BaseGeometry:
     """Return the copper after all dark (additive) and clear (subtractive) shapes."""
     copper = np.array([], dtype=object)
     for dark, run in groupby(layers, key=lambda layer: layer[0]):
@@ -159,12 +161,17 @@ def _composed(layers: Layers) -> BaseGeometry:
 
 
 def _circle(centre: Any, radius: float, start: float = 0.0, sweep: float = 2 * math.pi) -> Arc:
+    """Return an arc of a circle, by default the full circle; angles in radians."""
     u, v = radius * np.eye(2)
     return Arc(np.asarray(centre, dtype=float), u, v, start, sweep)
 
 
-def _between(start: Any, end: Any, clockwise: bool, about: Any) -> Arc:
-    """Return an arc whose centre is moved to the same distance from both ends."""
+def _arc_between(start: Any, end: Any, clockwise: bool, about: Any) -> Arc:
+    """Return the circular arc between two points about a centre.
+
+    The centre is moved to equal distances from both points. If the points are equal, the arc is a
+    full circle. Raises FileFormatError if the distances differ too much.
+    """
     first_end, last_end, centre = np.array([start, end, about], dtype=float)
     first, last = np.hypot(*(first_end - centre)), np.hypot(*(last_end - centre))
     if not 0 < first < math.inf or abs(first - last) > _RADII * first:
@@ -182,20 +189,25 @@ def _between(start: Any, end: Any, clockwise: bool, about: Any) -> Arc:
 
 
 def _corners(rectangle: Any) -> Points:
+    """Return the corners (4, 2) of a rotated rectangle of gerbonara."""
     corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * (rectangle.w / 2, rectangle.h / 2)
     return turned_points(corners, rectangle.rotation) + np.array([rectangle.x, rectangle.y])
 
 
 def _hull(outlines: Sequence[Points]) -> BaseGeometry:
+    """Return the convex hull of the vertices of several outlines."""
     return shapely.convex_hull(shapely.MultiPoint(np.concatenate(outlines)))
 
 
-class _Shapes:
+class _Converter:
+    """Converter of graphical objects of gerbonara to polygons; caches flashed apertures."""
+
     def __init__(self, tolerance: float | None) -> None:
         self._tolerance = tolerance
         self._flashes: dict[int, BaseGeometry] = {}
 
-    def of(self, item: Any) -> Layers:
+    def layers(self, item: Any) -> Layers:
+        """Yield the shapes of a graphical object, and whether they add or remove copper."""
         kind = type(item).__name__
         if kind == "Region":
             shapes = [self._region(item)]
@@ -209,10 +221,12 @@ class _Shapes:
             yield bool(item.polarity_dark), shape
 
     def _polygon(self, outline: Sequence[Curve]) -> BaseGeometry:
+        """Return the polygons inside a closed outline of curves."""
         rings = flattened([outline], self._tolerance)
         return shapely.MultiPolygon([(outer, holes) for outer, *holes in filled(rings, "nonzero")])
 
-    def _capsule(self, start: Any, end: Any, width: float) -> BaseGeometry:
+    def _round_stroke(self, start: Any, end: Any, width: float) -> BaseGeometry:
+        """Return the area of a straight stroke with round ends."""
         ends = np.array([start, end], dtype=float)
         along = ends[1] - ends[0]
         if not along.any():
@@ -220,19 +234,21 @@ class _Shapes:
         # Half circles have vertices where the straight sides begin.
         half = _circle((0, 0), width / 2, math.atan2(along[1], along[0]) + math.pi / 2, math.pi)
         discs = [_circle(end, width / 2) for end in ends]
-        side = chords(half, reach_of(discs, self._tolerance))
+        side = chords(half, allowed_distance(discs, self._tolerance))
         return _hull([ends[1] - side, ends[0] + side])
 
     def _primitive(self, primitive: Any) -> BaseGeometry:
+        """Return the area of a primitive (circle, line, rectangle or polygon) of an aperture."""
         kind, p = type(primitive).__name__, primitive
         if kind == "Circle":
             return self._polygon([_circle((p.x, p.y), p.r)])
         if kind == "Line":
-            return self._capsule((p.x1, p.y1), (p.x2, p.y2), p.width)
+            return self._round_stroke((p.x1, p.y1), (p.x2, p.y2), p.width)
         points = np.array(p.outline) if kind == "ArcPoly" else _corners(p)
         return self._polygon([np.concatenate([points, points[:1]])])
 
     def _region(self, region: Any) -> BaseGeometry:
+        """Return the area of a region; raise FileFormatError if its outline is open."""
         points = [tuple(point) for point in region.outline]
         if points[0] != points[-1]:
             x, y = points[0]
@@ -241,22 +257,27 @@ class _Shapes:
             )
         sides = zip(points[:-1], points[1:], region.arc_centers, strict=True)
         outline: list[Curve] = [
-            _between(start, end, *arc) if arc else np.array([start, end])
+            _arc_between(start, end, *arc) if arc else np.array([start, end])
             for start, end, arc in sides
         ]
         return self._polygon(outline)
 
     def _flash(self, flash: Any) -> BaseGeometry:
+        """Return the area of an aperture that is flashed at a position."""
         number, position = id(flash.aperture), np.array([flash.x, flash.y])
         check_coordinates(position)
         if number not in self._flashes:
             primitives = flash.aperture.flash(0.0, 0.0, flash.aperture.unit)
-            self._flashes[number] = _composed(
+            self._flashes[number] = _copper(
                 (primitive.polarity_dark, self._primitive(primitive)) for primitive in primitives
             )
         return shapely.transform(self._flashes[number], lambda points: points + position)
 
     def _stroke(self, stroke: Any, kind: str) -> list[BaseGeometry]:
+        """Return polygons that together cover a line or an arc drawn with an aperture.
+
+        ``kind``: "Line" or "Arc". Raises FileFormatError for unsupported apertures.
+        """
         pen = stroke.aperture
         is_round = hasattr(pen, "diameter")
         if pen.hole_dia or (kind == "Arc" and not is_round):
@@ -267,13 +288,13 @@ class _Shapes:
                 "export the strokes as regions",
             )
         if kind == "Line" and is_round:
-            return [self._capsule(stroke.p1, stroke.p2, pen.diameter)]
+            return [self._round_stroke(stroke.p1, stroke.p2, pen.diameter)]
         if kind == "Line":
             ends = (stroke.p1, stroke.p2)
             return [_hull([_corners(next(iter(pen.flash(*end, pen.unit)))) for end in ends])]
-        path = _between(stroke.p1, stroke.p2, stroke.clockwise, stroke.center)
+        path = _arc_between(stroke.p1, stroke.p2, stroke.clockwise, stroke.center)
         half = pen.diameter / 2
-        radius, start, sweep = path.stretch, path.start, path.sweep
+        radius, start, sweep = path.semi_major_axis, path.start, path.sweep
         outer = _circle(path.centre, radius + half, start, sweep)
         inner = _circle(path.centre, max(radius - half, 0.0), start + sweep, -sweep)
         if path.is_closed:
@@ -287,11 +308,11 @@ class _Shapes:
 
 def load_gerber(file: File) -> Drawing:
     """Load the copper of a layer from a Gerber file."""
-    text, unit = _checked(text_of(file.content))
+    text, unit = _checked_statements(text_of(file.content))
     metres = _METRES[unit]
-    shapes = _Shapes(file.tolerance and file.tolerance / metres)
+    converter = _Converter(file.tolerance and file.tolerance / metres)
     try:
-        copper = _composed(layer for item in _objects_of(text) for layer in shapes.of(item))
+        copper = _copper(layer for item in _objects_of(text) for layer in converter.layers(item))
     except (PolywignerError, ImportError):
         raise
     # gerbonara does not document its exceptions.

@@ -83,6 +83,7 @@ def read_mesh(content: bytes, suffix: str) -> tuple[Points, NDArray[np.intp]]:
 
 
 def _triangulated(mesh: Mesh) -> tuple[Points, NDArray[np.intp]]:
+    """Return vertices (n, 3) and triangles (m, 3) of a mesh; warn of faces that are not planar."""
     heights = heights_of(mesh.vertices, mesh.faces)
     worst = int(heights.argmax())
     if heights[worst] > _PLANAR * extent(mesh.vertices):
@@ -95,6 +96,7 @@ def _triangulated(mesh: Mesh) -> tuple[Points, NDArray[np.intp]]:
 
 
 def _welded(mesh: Mesh) -> Mesh:
+    """Merge vertices that differ only by rounding, and drop faces that have become lines."""
     points = mesh.vertices + 0.0
     reach = _WELD * extent(points)
     if mesh.precision > _DOUBLE:
@@ -119,6 +121,7 @@ _END_OF_SOLID = re.compile(rb"^\s*end\s*solid\b[^\n]*\s*\Z", re.MULTILINE | re.I
 
 
 def _stl(content: bytes) -> Mesh:
+    """Parse an STL file in binary or text format."""
     count = int.from_bytes(content[80:84], "little")
     if len(content) == 84 + 50 * count:
         corners = np.frombuffer(content, _FACET, count, 84)["corners"].astype(np.float64)
@@ -146,11 +149,13 @@ def _stl(content: bytes) -> Mesh:
 
 
 def _of_corners(corners: Points, precision: float) -> Mesh:
+    """Return a mesh of triangles with corners (m, 3, 3), without common vertices."""
     numbers = np.arange(3 * len(corners)).reshape(-1, 3)
     return Mesh(corners.reshape(-1, 3), list(map(tuple, numbers.tolist())), precision)
 
 
 def _obj(content: bytes) -> Mesh:
+    """Parse the vertices and faces of an OBJ file; raise FileFormatError for curves."""
     vertices: list[list[float]] = []
     faces: list[Face] = []
     for line in content.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").splitlines():
@@ -182,29 +187,30 @@ _HEADER = re.compile(rb"ply\s(.*?)^end_header[ \t]*\r?\n?", re.MULTILINE | re.DO
 
 Property = tuple[str, str, str]
 """Name of a PLY property, its type, and the type of the length if the property is a list."""
-Take = Callable[[str], Sequence[Any]]
+ReadNumbers = Callable[[str], Sequence[Any]]
 """Function that reads the next numbers, in a given `struct` format."""
 
 
 def _ply(content: bytes) -> Mesh:
+    """Parse the vertices and faces of a PLY file in binary or text format."""
     header = _HEADER.match(content)
     if header is None:
         raise FileFormatError(
             "expected a PLY mesh, got a file without a PLY header; export the mesh again"
         )
-    form, elements = _header(header[1].decode("ascii", "replace"))
+    form, elements = _parsed_header(header[1].decode("ascii", "replace"))
     body = content[header.end() :]
-    take, is_empty = _words(body) if form == "ascii" else _records(body, _ORDERS[form])
+    read, is_empty = _text_reader(body) if form == "ascii" else _binary_reader(body, _ORDERS[form])
     try:
         rows = {
-            name: [_row(properties, take) for _ in range(count)]
+            name: [_element_row(properties, read) for _ in range(count)]
             for name, count, properties in elements
         }
     # A StopIteration in a generator becomes a RuntimeError.
     except (StopIteration, RuntimeError, struct.error):
-        raise _cut_short("fewer") from None
+        raise _row_count_error("fewer") from None
     if not is_empty():
-        raise _cut_short("more")
+        raise _row_count_error("more")
     vertices = np.array([[row[axis] for axis in "xyz"] for row in rows["vertex"]], dtype=float)
     faces = [
         tuple(map(int, row.get("vertex_indices", row.get("vertex_index")) or ()))
@@ -218,7 +224,7 @@ def _ply(content: bytes) -> Mesh:
     return Mesh(vertices.reshape(-1, 3), faces, precision)
 
 
-def _header(text: str) -> tuple[str, list[tuple[str, int, list[Property]]]]:
+def _parsed_header(text: str) -> tuple[str, list[tuple[str, int, list[Property]]]]:
     """Return a PLY file's format, and the name, row count and properties of each element."""
     form = ""
     elements: list[tuple[str, int, list[Property]]] = []
@@ -237,37 +243,41 @@ def _header(text: str) -> tuple[str, list[tuple[str, int, list[Property]]]]:
     return form, elements
 
 
-def _row(properties: list[Property], take: Take) -> dict[str, Any]:
+def _element_row(properties: list[Property], read: ReadNumbers) -> dict[str, Any]:
+    """Read one row of an element of a PLY file: the value or list of each property."""
     return {
-        name: take(kind * take(length)[0]) if length else take(kind)[0]
+        name: read(kind * read(length)[0]) if length else read(kind)[0]
         for name, kind, length in properties
     }
 
 
-def _words(body: bytes) -> tuple[Take, Callable[[], bool]]:
+def _text_reader(body: bytes) -> tuple[ReadNumbers, Callable[[], bool]]:
     """Return a reader of numbers in text, and a test for the end of the text."""
     words = iter(body.split())
 
-    def take(form: str) -> Sequence[Any]:
+    def read(form: str) -> Sequence[Any]:
+        """Read numbers; ``form``: one `struct` letter for the type of each number."""
         return [float(next(words)) if kind in "fd" else int(next(words)) for kind in form]
 
-    return take, lambda: next(words, None) is None
+    return read, lambda: next(words, None) is None
 
 
-def _records(body: bytes, order: str) -> tuple[Take, Callable[[], bool]]:
+def _binary_reader(body: bytes, order: str) -> tuple[ReadNumbers, Callable[[], bool]]:
     """Return a reader of binary numbers, and a test for the end of the data."""
     position = 0
 
-    def take(form: str) -> Sequence[Any]:
+    def read(form: str) -> Sequence[Any]:
+        """Read numbers; ``form``: one `struct` letter for the type of each number."""
         nonlocal position
         values = struct.unpack_from(order + form, body, position)
         position += struct.calcsize(order + form)
         return values
 
-    return take, lambda: not body[position:].strip()
+    return read, lambda: not body[position:].strip()
 
 
-def _cut_short(got: str) -> FileFormatError:
+def _row_count_error(got: str) -> FileFormatError:
+    """Return the error for a PLY file with "fewer" or "more" rows than in its header."""
     return FileFormatError(
         f"expected as many rows as the header of the PLY file specifies, got {got}; the file may "
         "be truncated: export the mesh again"

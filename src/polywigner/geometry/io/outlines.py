@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError, FileFormatError
 from polywigner.geometry.io.limits import MOST_VERTICES, check_coordinates
 from polywigner.geometry.parts import (
-    check_pairs,
+    check_overlaps,
     connected,
     enclosed,
     part_of_ring,
@@ -32,7 +32,6 @@ from polywigner.geometry.rings import (
     extent,
     hull_spans_area,
     rings_of_polygon,
-    rounding_tolerance,
     signed_area,
 )
 
@@ -66,7 +65,7 @@ class Arc:
         return abs(self.sweep) >= 2 * math.pi * (1 - 1e-12)
 
     @property
-    def stretch(self) -> float:
+    def semi_major_axis(self) -> float:
         """Semi-major axis of the ellipse."""
         return float(np.linalg.norm(np.stack([self.u, self.v]), 2))
 
@@ -80,7 +79,7 @@ class Arc:
         centre = self.centre @ matrix + offset
         return Arc(centre, self.u @ matrix, self.v @ matrix, self.start, self.sweep)
 
-    def chords(self, reach: float) -> Points:
+    def chords(self, distance: float) -> Points:
         """Return vertices (n, d) on the arc; a full ellipse becomes a polygon of the same area.
 
         The polygon has n = 4 k corners and is scaled by a, with a^2 = x/sin(x) and x = 2 pi/n. Its
@@ -88,9 +87,10 @@ class Arc:
         >= 8.
         """
         if not self.is_closed:
-            steps = max(math.sqrt(self.stretch / (8 * reach)), 1 / _LARGEST_STEP)
+            steps = max(math.sqrt(self.semi_major_axis / (8 * distance)), 1 / _LARGEST_STEP)
             return sampled(self, _chord_count(abs(self.sweep) * steps))
-        n = 4 * max(2, _chord_count(1.04 * math.pi * math.sqrt(self.stretch / (3 * reach)) / 4))
+        quarter = 1.04 * math.pi * math.sqrt(self.semi_major_axis / (3 * distance)) / 4
+        n = 4 * max(2, _chord_count(quarter))
         x = 2 * math.pi / n
         grown = math.sqrt(x / math.sin(x))
         sweep = math.copysign(2 * math.pi, self.sweep)
@@ -116,11 +116,11 @@ class Bezier:
         """Return the image of the curve under p -> p @ matrix + offset."""
         return Bezier(self.points @ matrix + offset)
 
-    def chords(self, reach: float) -> Points:
+    def chords(self, distance: float) -> Points:
         """Return vertices (n, d) at equal steps; n is chosen from the second derivative."""
         degree = len(self.points) - 1
         second = np.linalg.norm(np.diff(self.points, 2, axis=0), axis=1).max(initial=0.0)
-        return sampled(self, _chord_count(math.sqrt(degree * (degree - 1) / 8 * second / reach)))
+        return sampled(self, _chord_count(math.sqrt(degree * (degree - 1) / 8 * second / distance)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,17 +145,17 @@ class Spline:
         points = self.points @ matrix + offset
         return Spline(points, lambda t: evaluate(t) @ matrix + offset, self.breaks)
 
-    def chords(self, reach: float) -> Points:
-        """Return vertices (n, d) of chords within `reach` of the curve."""
+    def chords(self, distance: float) -> Points:
+        """Return vertices (n, d) of chords within `distance` of the curve."""
         pieces = 4 * (len(self.breaks) - 1)
         t = np.arange(pieces + 1) / pieces
         while True:
             points, midpoints = self.at(t), (t[1:] + t[:-1]) / 2
             # An upper bound on the distance of the curve from the chord.
             off = np.linalg.norm(self.at(midpoints) - (points[1:] + points[:-1]) / 2, axis=1)
-            if (off <= reach).all():
+            if (off <= distance).all():
                 return points
-            t = np.union1d(t, midpoints[off > reach])
+            t = np.union1d(t, midpoints[off > distance])
             _chord_count(len(t))
 
 
@@ -163,35 +163,39 @@ Curve = Points | Arc | Bezier | Spline
 
 
 def transformed(curve: Curve, matrix: Points, offset: Points) -> Curve:
-    """Return a curve's image under p -> p @ matrix + offset; `matrix` (d, e), `offset` (e,)."""
+    """Return the image of a curve under p -> p @ matrix + offset.
+
+    The matrix has shape (d, e) and the offset shape (e,).
+    """
     if isinstance(curve, np.ndarray):
         return curve @ matrix + offset
     return curve.transformed(matrix, offset)
 
 
 def sampled(curve: Curve, steps: int = 1) -> Points:
-    """Return `steps` + 1 points along a curve, or the vertices of a polyline."""
+    """Return `steps` + 1 points at equal steps along a curve; all vertices of a polyline."""
     return curve if isinstance(curve, np.ndarray) else curve.at(np.arange(steps + 1) / steps)
 
 
-def chords(curve: Curve, reach: float) -> Points:
-    """Return vertices (n, d) of chords within `reach` of a curve."""
-    return curve if isinstance(curve, np.ndarray) else curve.chords(reach)
+def chords(curve: Curve, distance: float) -> Points:
+    """Return vertices (n, d) of chords within `distance` of a curve."""
+    return curve if isinstance(curve, np.ndarray) else curve.chords(distance)
 
 
-def reach_of(outline: Sequence[Curve], tolerance: float | None) -> float:
-    """Return the distance allowed between chords and curves: `tolerance`, or 1/2000 of the size.
+def allowed_distance(outline: Sequence[Curve], tolerance: float | None) -> float:
+    """Return the largest distance allowed between an outline and its chords.
 
-    Raises FileFormatError for coordinates beyond 1e100.
+    The distance is `tolerance`, or 1/2000 of the size of the outline if it is None. Raises
+    FileFormatError for coordinates beyond 1e100.
     """
     points = np.concatenate([
         curve.points if isinstance(curve, Bezier | Spline) else sampled(curve, 8)
         for curve in outline
     ])  # fmt: skip
     check_coordinates(points)
-    reach = DEFAULT_TOLERANCE * extent(points) if tolerance is None else tolerance
+    distance = DEFAULT_TOLERANCE * extent(points) if tolerance is None else tolerance
     # The distance is at least the rounding error of the coordinates.
-    return max(reach, 1e-15 * float(np.abs(points).max()), np.finfo(float).tiny)
+    return max(distance, 1e-15 * float(np.abs(points).max()), np.finfo(float).tiny)
 
 
 def flattened(outlines: Sequence[Sequence[Curve]], tolerance: float | None) -> list[Ring]:
@@ -201,14 +205,15 @@ def flattened(outlines: Sequence[Sequence[Curve]], tolerance: float | None) -> l
     outline. Full ellipses keep their area. Raises FileFormatError for coordinates beyond 1e100 and
     for more than a million chords.
     """
-    reaches = [reach_of(outline, tolerance) for outline in outlines]
+    distances = [allowed_distance(outline, tolerance) for outline in outlines]
     return [
-        np.concatenate([chords(curve, reach)[:-1] for curve in outline])
-        for outline, reach in zip(outlines, reaches, strict=True)
+        np.concatenate([chords(curve, distance)[:-1] for curve in outline])
+        for outline, distance in zip(outlines, distances, strict=True)
     ]
 
 
 def _chord_count(steps: float) -> int:
+    """Round a number of chords up, to at least 1; raise FileFormatError above a million."""
     if not steps <= MOST_VERTICES:
         raise FileFormatError(
             f"expected at most {MOST_VERTICES} vertices, got more; simplify the outlines, or "
@@ -276,8 +281,8 @@ def filled(rings: Sequence[Ring], rule: str) -> list[Polygon]:
     return [rings_of_polygon(polygon) for polygon in enclosed(clean, rule)]
 
 
-def depths(rings: Sequence[Ring]) -> NDArray[np.intp]:
-    """Return the number of rings around each ring."""
+def nesting_depths(rings: Sequence[Ring]) -> NDArray[np.intp]:
+    """Return the number of other rings around each ring, shape (n,)."""
     return np.bincount(_containing(rings)[1], minlength=len(rings))
 
 
@@ -296,11 +301,13 @@ def nested(rings: Sequence[Ring], union: bool = False) -> list[Polygon]:
         if union:
             clean = _join_overlapping(clean)
         else:
-            _check_overlaps(clean)
+            polygons = [shapely.Polygon(ring) for ring in clean]
+            check_overlaps(polygons, "outlines", OVERLAP_REMEDY, nested=True)
     return _by_nesting(clean)
 
 
 def _join_overlapping(rings: Sequence[Ring]) -> list[Ring]:
+    """Return the rings of the unions of outlines that overlap or touch."""
     polygons = np.array([shapely.Polygon(ring) for ring in rings], dtype=object)
     tree = shapely.STRtree(polygons)
     pairs = [tree.query(polygons, predicate=relation) for relation in ("overlaps", "touches")]
@@ -313,15 +320,8 @@ def _join_overlapping(rings: Sequence[Ring]) -> list[Ring]:
     return joined
 
 
-def _check_overlaps(rings: Sequence[Ring]) -> None:
-    polygons = np.array([shapely.Polygon(ring) for ring in rings], dtype=object)
-    first, second = shapely.STRtree(polygons).query(polygons, predicate="overlaps")
-    once = first < second
-    shift = max(rounding_tolerance(ring) for ring in rings)
-    check_pairs(polygons, first[once], second[once], shift, "outlines", OVERLAP_REMEDY)
-
-
 def _by_nesting(rings: Sequence[Ring]) -> list[Polygon]:
+    """Return polygons of rings that do not cross: the rings at odd depths are holes."""
     outer, inner = _containing(rings)
     depth = np.bincount(inner, minlength=len(rings))
     order = np.argsort(depth[outer], kind="stable")

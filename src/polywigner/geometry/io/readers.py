@@ -41,15 +41,16 @@ T = TypeVar("T")
 
 def load_geojson(file: File) -> Drawing:
     """Load all polygons in order, including those in features and collections."""
-    return _polygons(file, shapely.from_geojson, "GeoJSON with polygons")
+    return _drawing_from_text(file, shapely.from_geojson, "GeoJSON with polygons")
 
 
 def load_wkt(file: File) -> Drawing:
     """Load the polygons of a file in well-known text (WKT)."""
-    return _polygons(file, shapely.from_wkt, "WKT such as POLYGON ((0 0, 1 0, 1 1, 0 0))")
+    return _drawing_from_text(file, shapely.from_wkt, "WKT such as POLYGON ((0 0, 1 0, 1 1, 0 0))")
 
 
-def _polygons(file: File, parse: Callable[[str], BaseGeometry], expected: str) -> Drawing:
+def _drawing_from_text(file: File, parse: Callable[[str], BaseGeometry], expected: str) -> Drawing:
+    """Load polygons with a parser of shapely; ``expected``: content, for error messages."""
     try:
         # NaN is reported later, with its vertex.
         with np.errstate(invalid="ignore"):
@@ -137,6 +138,10 @@ _NOT_READ = (".shp", ".dwg", ".svgz", ".pdf", ".eps", ".step", ".stp", ".iges", 
 
 
 def _loader_of(path: Path, content: bytes) -> Callable[[File], Drawing]:
+    """Return the loader of a file, by its suffix or, if this is unknown, by its first bytes.
+
+    Raises FileFormatError for suffixes of unsupported formats.
+    """
     suffix = path.suffix.lower()
     if suffix in MESH_SUFFIXES:
         raise FileFormatError(
@@ -153,7 +158,8 @@ def _loader_of(path: Path, content: bytes) -> Callable[[File], Drawing]:
     return LOADERS.get(suffix) or next(by_start, load_csv)
 
 
-def _loaded(file: File) -> Drawing:
+def _load_any_format(file: File) -> Drawing:
+    """Load a file of any format; errors of libraries become errors of polywigner."""
     loader = _loader_of(file.path, file.content)
     if file.layers and loader not in _WITH_LAYERS:
         raise ArgumentError(
@@ -182,14 +188,18 @@ def _loaded(file: File) -> Drawing:
         ) from None
 
 
-def _scaled(points: Any, metres: float) -> Ring:
-    """Convert coordinates to metres; a division by 1000 is more accurate than a factor of 0.001."""
+def _in_metres(points: Any, metres: float) -> Ring:
+    """Convert coordinates in a unit of ``metres`` to metres.
+
+    A division by 1000 is more accurate than a multiplication by 0.001.
+    """
     array = np.asarray(points, dtype=np.float64)
     per_metre = round(1 / metres) if 1e-15 < metres < 1 else 0
     return array / per_metre if per_metre and 1 / per_metre == metres else array * metres
 
 
-def _aperture(drawing: Drawing, union: bool) -> Aperture:
+def _aperture_of(drawing: Drawing, union: bool) -> Aperture:
+    """Return the aperture in metres of a drawing; ``union``: whether polygons may overlap."""
     polygons = drawing.polygons
     sizes = [len(ring) for rings in polygons for ring in rings]
     check_most(
@@ -200,7 +210,8 @@ def _aperture(drawing: Drawing, union: bool) -> Aperture:
     names = ["the polygon" if single else f"polygon {number}" for number in range(len(polygons))]
 
     def build(scale: float) -> Aperture:
-        scaled = [[_scaled(ring, scale) for ring in rings] for rings in polygons]
+        """Return the aperture with coordinates multiplied by ``scale``."""
+        scaled = [[_in_metres(ring, scale) for ring in rings] for rings in polygons]
         named = zip(scaled, names, strict=True)
         parts = [part_of_rings(rings, name, OVERLAP_REMEDY) for rings, name in named]
         return Aperture._of_parts(
@@ -216,10 +227,12 @@ def _aperture(drawing: Drawing, union: bool) -> Aperture:
 
 
 def _metres(unit: str | float) -> float:
+    """Return the length in metres of a unit, a name or a length; "px" is a CSS pixel."""
     return float(PIXEL) if isinstance(unit, str) and unit.strip() == "px" else parse_unit(unit)
 
 
 def _checked_layers(layer: Any) -> tuple[str, ...]:
+    """Return the names of requested layers as a tuple, which is empty for None."""
     layers = () if layer is None else (layer,) if isinstance(layer, str) else layer
     names = tuple(layers) if isinstance(layers, Iterable) else (layers,)
     if not all(isinstance(name, str) and name for name in names):
@@ -301,7 +314,7 @@ def read_aperture(
     try:
         file = File(source, bytes_of(source), metres, tolerance, layers, joins)
         with np.errstate(all="ignore"):
-            return _aperture(_loaded(file), joins)
+            return _aperture_of(_load_any_format(file), joins)
     except (FileFormatError, GeometryError, MissingExtraError, ArgumentError) as error:
         raise type(error)(f"{source}: {error}") from None
 
@@ -354,7 +367,7 @@ def read_polyhedron(path: str | os.PathLike[str], unit: str | float = "mm") -> P
     >>> round(pw.read_polyhedron(path, unit="m").volume, 6)
     0.166667
     """
-    return _body(path, unit, Polyhedron)
+    return _read_mesh_file(path, unit, Polyhedron)
 
 
 def read_sheets(path: str | os.PathLike[str], unit: str | float = "mm") -> list[PlacedAperture]:
@@ -392,21 +405,22 @@ def read_sheets(path: str | os.PathLike[str], unit: str | float = "mm") -> list[
     >>> [round(plate.aperture.area, 6) for plate in pw.read_sheets(path, unit="m")]
     [0.5, 0.5, 0.5]
     """
-    return _body(path, unit, _plates_of)
+    return _read_mesh_file(path, unit, _plates_of)
 
 
 def read_triangles(
     path: str | os.PathLike[str], unit: str | float
 ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
     """Return vertices (n, 3) in metres and triangles (m, 3) of a mesh file."""
-    return _body(path, unit, lambda vertices, triangles: (vertices, triangles))
+    return _read_mesh_file(path, unit, lambda vertices, triangles: (vertices, triangles))
 
 
-def _body(
+def _read_mesh_file(
     path: str | os.PathLike[str],
     unit: str | float,
     build: Callable[[NDArray[np.float64], NDArray[np.intp]], T],
 ) -> T:
+    """Read a mesh file, and return ``build(vertices, triangles)`` with vertices in metres."""
     metres, source = _metres(unit), checked_path(path)
     kind = source.suffix.lower()
     try:
@@ -417,7 +431,7 @@ def _body(
             )
         with np.errstate(all="ignore"):
             vertices, triangles = read_mesh(bytes_of(source), kind)
-            return build(_scaled(vertices, metres), triangles)
+            return build(_in_metres(vertices, metres), triangles)
     except (FileFormatError, GeometryError) as error:
         raise type(error)(f"{source}: {error}") from None
 
@@ -450,10 +464,10 @@ def _plates_of(vertices: NDArray[np.float64], faces: NDArray[np.intp]) -> list[P
     number = np.unique(rows, axis=0, return_inverse=True)[1].ravel()
     order = np.argsort(number, kind="stable")
     groups = np.split(corners[order], np.flatnonzero(np.diff(number[order])) + 1)
-    return [plate for group in groups for plate in _plates(group)]
+    return [plate for group in groups for plate in _plates_in_plane(group)]
 
 
-def _plates(corners: NDArray[np.float64]) -> list[PlacedAperture]:
+def _plates_in_plane(corners: NDArray[np.float64]) -> list[PlacedAperture]:
     """Return triangles (n, 3, 3) in one plane as one plate, or as n plates if GEOS loses area."""
     origin, sides = corners[0, 0], corners[0, 1:] - corners[0, 0]
     x = sides[0] / np.linalg.norm(sides[0])

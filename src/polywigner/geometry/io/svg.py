@@ -82,12 +82,16 @@ _RULE = re.compile(
 
 
 def _refusal(what: str, text: str) -> FileFormatError:
+    """Return the error for an attribute; ``what``: expected value, ``text``: actual value."""
     short = repr(text if len(text) <= 60 else text[:60] + "...")
     return FileFormatError(f"expected {what}, got {short}; correct the attribute")
 
 
 def _length(text: str, name: str, reference: float | None = None) -> tuple[float, Fraction | None]:
-    """Return a length in user units, and in metres if its unit is absolute; `reference` = 100 %."""
+    """Return a length in user units, and in metres if its unit is absolute, else None.
+
+    ``name``: name of the attribute, for error messages. ``reference``: length of 100 %.
+    """
     match = _LENGTH.fullmatch(text)
     if match is None or match[2] not in ("", "px", "%", *_SIZES):
         raise _refusal(f"the {name} as a length in px, mm, cm, Q, in, pt or pc", text)
@@ -113,6 +117,7 @@ def _affine_of(text: str) -> Points:
 
 
 def _view_box(element: Element) -> tuple[float, ...] | None:
+    """Return x, y, width and height of the viewBox of an element; None if it has none."""
     text = element.get("viewBox")
     if text is None:
         return None
@@ -122,44 +127,52 @@ def _view_box(element: Element) -> tuple[float, ...] | None:
     return tuple(values)
 
 
-def _closed(subpath: list[Curve]) -> list[Curve]:
+def _closed_subpath(subpath: list[Curve]) -> list[Curve]:
+    """Return a subpath, with an additional line to its start if it is open."""
     start, end = sampled(subpath[0])[0], sampled(subpath[-1])[-1]
     return subpath if (start == end).all() else [*subpath, np.array([end, start])]
 
 
 def _subpaths(path: Any) -> list[list[Curve]]:
+    """Convert a path of svgelements to closed subpaths, as lists of curves."""
     subpaths: list[list[Curve]] = []
     for segment in path:
         if type(segment).__name__ in ("Move", "Close"):
             subpaths.append([])
         else:
             subpaths[-1].append(_curve(segment))
-    return [_closed(subpath) for subpath in subpaths if subpath]
+    return [_closed_subpath(subpath) for subpath in subpaths if subpath]
 
 
 def _curve(segment: Any) -> Curve:
+    """Convert a segment of a path of svgelements to a line, a Bezier curve or an arc."""
     kind = type(segment).__name__
     controls = {"QuadraticBezier": ["control"], "CubicBezier": ["control1", "control2"]}
-    points = _points(segment, ["start", *controls.get(kind, ()), "end"])
+    points = _named_points(segment, ["start", *controls.get(kind, ()), "end"])
     if kind in controls:
         return Bezier(points)
     is_arc = kind == "Arc" and segment.rx and segment.ry and segment.sweep
     if not is_arc or (points[0] == points[1]).all():
         return points
-    centre, u, v = _points(segment, ["center", "prx", "pry"])
+    centre, u, v = _named_points(segment, ["center", "prx", "pry"])
     return Arc(centre, u - centre, v - centre, segment.get_start_t(), segment.sweep)
 
 
-def _points(segment: Any, names: Sequence[str]) -> Points:
+def _named_points(segment: Any, names: Sequence[str]) -> Points:
+    """Return points of a path segment, such as "start" and "end", as an array (n, 2)."""
     return np.array([(p.x, p.y) for p in map(segment.__getattribute__, names)], dtype=float)
 
 
 def _outlines_of(
     tag: str, attributes: Mapping[str, str], viewport: Mapping[str, float]
 ) -> list[list[Curve]]:
-    """Return the closed outlines of a shape; ``viewport``: 100 % of x, y, width and height."""
+    """Return the closed outlines of a shape element.
+
+    ``tag``: name of the element. ``viewport``: lengths of 100 % of x, y, width and height.
+    """
 
     def value(name: str) -> float:
+        """Return an attribute as a length in user units; 0 if it is missing."""
         return _length(attributes.get(name, "0"), name, viewport.get(name))[0]
 
     library = import_module("svgelements")
@@ -185,10 +198,12 @@ def _outlines_of(
 
 
 def _opacity(text: str | None) -> float:
+    """Return the opacity in an attribute, limited to 0 to 1; 1 if the attribute is missing."""
     return 1.0 if text is None else min(max(_length(text, "opacity", 1.0)[0], 0.0), 1.0)
 
 
-def _parsed(content: bytes) -> Element:
+def _root_element(content: bytes) -> Element:
+    """Parse an SVG file, and return its root; raise FileFormatError for other content."""
     try:
         root: Element = import_module("defusedxml.ElementTree").fromstring(content)
     except (SyntaxError, LookupError) as error:
@@ -212,11 +227,13 @@ def _tag(element: Element) -> str:
     return tag.removeprefix(_NAMESPACE) if not tag.startswith("{") or _NAMESPACE in tag else ""
 
 
-def _names(element: Any) -> list[str]:
+def _layer_names(element: Any) -> list[str]:
+    """Return the names by which a caller can select an element: label, data-name and id."""
     return [element.get(key) for key in _NAMES if element.get(key)]
 
 
 def _properties(element: Element) -> dict[str, str]:
+    """Return the attributes and style properties of an element; the style has priority."""
     pairs = (part.partition(":") for part in element.get("style", "").split(";"))
     style = {name.strip().lower(): value.strip() for name, colon, value in pairs if colon}
     return {**element.attrib, **style}
@@ -238,6 +255,8 @@ def _colour(style: Mapping[str, str]) -> tuple[str, float]:
 
 @dataclass(frozen=True, eq=False)
 class _Context:
+    """Properties of an element that its children inherit."""
+
     matrix: Points
     """Matrix of the transform: (x, y, 1) is mapped to (x, y, 1) @ matrix."""
     is_requested: bool
@@ -252,6 +271,8 @@ class _Context:
 
 
 class _Shape(NamedTuple):
+    """A filled shape with the transformation of its enclosing elements."""
+
     subpaths: list[list[Curve]]
     rule: str
     is_white: bool
@@ -259,12 +280,19 @@ class _Shape(NamedTuple):
 
 
 class _Document:
+    """An SVG file with the layers to be read."""
+
     def __init__(self, root: Any, layers: Sequence[str]) -> None:
+        """Index the elements by id.
+
+        Raises ArgumentError if a layer is missing, and FileFormatError for style sheets that affect
+        shapes.
+        """
         self.root, self.layers = root, frozenset(layers)
         sizes = (_view_box(root) or ())[2:]
         self.viewport = dict(zip(("width", "height", "x", "y"), 2 * sizes, strict=False))
         elements = list(root.iter())
-        known = {name: _tag(e) == "g" for e in elements for name in _names(e)}
+        known = {name: _tag(e) == "g" for e in elements for name in _layer_names(e)}
         if not self.layers <= known.keys():
             check_known(layers, [name for name in known if known[name] or name in self.layers])
         if any(_tag(e) == "style" and _RULE.search(e.text or "") for e in elements):
@@ -275,18 +303,19 @@ class _Document:
         self.named = {e.get("id"): e for e in reversed(elements) if e.get("id")}
 
     def shapes(self, element: Any, context: _Context) -> Iterator[_Shape]:
+        """Yield the filled shapes of an element and of its children, in the order of drawing."""
         tag = _tag(element)
         if tag not in _CONTAINERS | _SHAPES | _OPAQUE:
             return
-        inside = self._entered(element, tag, context)
+        inside = self._inner_context(element, tag, context)
         if inside.properties.get("display") == "none" and context.is_requested:
             return
         if tag in _SHAPES | _OPAQUE:
-            yield from self._painted(tag, inside)
+            yield from self._filled_shape(tag, inside)
             return
         children: Iterable[Any] = element
         if tag == "use":
-            inside, children = self._used(inside)
+            inside, children = self._target_of_use(inside)
         # A switch draws its first element without required extensions.
         elif tag == "switch":
             children = [e for e in element if _tag(e) and not e.get("requiredExtensions")][:1]
@@ -297,7 +326,8 @@ class _Document:
         for child in children:
             yield from self.shapes(child, inside)
 
-    def _entered(self, element: Any, tag: str, context: _Context) -> _Context:
+    def _inner_context(self, element: Any, tag: str, context: _Context) -> _Context:
+        """Return the properties of an element, combined with those of enclosing elements."""
         properties = _properties(element)
         style = {n: properties[n] for n in _INHERITED if properties.get(n, "inherit") != "inherit"}
         effects = [name for name in _EFFECTS if properties.get(name, "none") != "none"]
@@ -305,14 +335,15 @@ class _Document:
         matrix = context.matrix if text == "none" else _affine_of(text) @ context.matrix
         return _Context(
             matrix,
-            context.is_requested or not self.layers.isdisjoint(_names(element)),
+            context.is_requested or not self.layers.isdisjoint(_layer_names(element)),
             properties,
             {**context.style, **style},
             context.opacity * _opacity(properties.get("opacity")),
             context.effect or (f"a {tag} element with {effects[0]}" if effects else ""),
         )
 
-    def _used(self, context: _Context) -> tuple[_Context, list[Any]]:
+    def _target_of_use(self, context: _Context) -> tuple[_Context, list[Any]]:
+        """Return the context of a use element with its shift, and a list of its target."""
         properties = context.properties
         link = properties.get("href", properties.get(_LINK, "")).strip()
         target = self.named.get(link[1:]) if link.startswith("#") else None
@@ -322,7 +353,11 @@ class _Document:
         shift[2, :2] = [_length(properties.get(name, "0"), name)[0] for name in "xy"]
         return replace(context, matrix=shift @ context.matrix), [target]
 
-    def _painted(self, tag: str, context: _Context) -> Iterator[_Shape]:
+    def _filled_shape(self, tag: str, context: _Context) -> Iterator[_Shape]:
+        """Yield the shape of an element, unless it is invisible or not requested.
+
+        Raises FileFormatError for images, masks and other unsupported content.
+        """
         colour, alpha = _colour(context.style)
         opacity = alpha * context.opacity * _opacity(context.style.get("fill-opacity"))
         is_hidden = context.style.get("visibility") in ("hidden", "collapse")
@@ -345,8 +380,8 @@ class _Document:
 
 def load_svg(file: File) -> Drawing:
     """Load the filled shapes of an SVG file, with y upwards."""
-    root = _parsed(file.content)
-    metres, matrix = _unit(root, file.unit_metres)
+    root = _root_element(file.content)
+    metres, matrix = _unit_and_axes(root, file.unit_metres)
     context = _Context(matrix, not file.layers, {}, {})
     shapes = list(_Document(root, file.layers).shapes(root, context))
     if not shapes:
@@ -378,7 +413,7 @@ def _visible(painted: Sequence[list[Polygon]], is_white: Sequence[bool]) -> list
     return [rings_of_polygon(polygon) for polygon in visible]
 
 
-def _unit(root: Any, unit_metres: float) -> tuple[float, Points]:
+def _unit_and_axes(root: Any, unit_metres: float) -> tuple[float, Points]:
     """Return the unit of the file in metres, and the matrix that reverses y.
 
     An absolute width or height is the size of the viewBox; without a viewBox, the unit is a CSS
