@@ -368,10 +368,10 @@ def test_coordinates_replace_the_samples_of_an_axis():
     [
         ({"kind": "husimi"}, 'expected kind to be one of "autocorrelation"'),
         ({"samples": 1}, "samples to be a whole number from 2 to 4096, got 1"),
-        ({"coordinates": {"xi_x": (0, 1)}}, "one of x, y, nu_x, nu_y, got 'xi_x'"),
+        ({"coordinates": {"xi_x": (0, 1)}}, 'one of "x", "y", "nu_x", "nu_y", got'),
         ({"coordinates": {"x": [0, np.nan]}}, "finite numbers"),
         ({"coordinates": [0.0, 1.0]}, "coordinates to be a mapping"),
-        ({"tiles": ["x_z"]}, "each of the tiles to be one of x_y"),
+        ({"tiles": ["x_z"]}, 'each of the tiles to be one of "x_y"'),
         ({"coordinates": {"x": np.arange(5000)}}, "up to 4096 values of x, got 5000"),
     ],
 )

@@ -191,7 +191,7 @@ def test_elements_off_the_plane_are_refused() -> None:
 def test_drjit_arrays_are_sent_to_the_transforms() -> None:
     import drjit.scalar
 
-    with pytest.raises(ArgumentError, match="must be made of NumPy arrays"):
+    with pytest.raises(ArgumentError, match="to be made of NumPy arrays"):
         pw.radiant_intensity(SQUARE, drjit.scalar.Array3f64(0, 0, 1), WAVELENGTH)
 
 

@@ -34,7 +34,7 @@ from polywigner.execution.evaluation import (
     explained,
 )
 from polywigner.execution.on_drjit import without_collection
-from polywigner.execution.operations import Drjit, NumpyOperations, ScalarOperations
+from polywigner.execution.operations import Drjit, NumpyOperations
 from polywigner.execution.points import (
     columns_of,
     components_of,

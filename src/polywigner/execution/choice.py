@@ -67,6 +67,7 @@ class Plan:
         return ", ".join([*parts, self.detail] if self.detail else parts)
 
     def __str__(self) -> str:
+        """Return three lines: strategy, engine and reason."""
         return f"strategy: {self.strategy}\nengine: {self.engine}\nbecause: {self.reason}"
 
 
@@ -135,6 +136,7 @@ def planned(
 
 
 def _engine_for(engine: str, is_large: bool) -> str:
+    """Return the engine of a call. "auto" selects LLVM for a large call, if LLVM is usable."""
     if checked_engine(engine) == "llvm":
         llvm.require()
     elif engine == "cuda":
@@ -175,6 +177,7 @@ def uncompiled() -> Iterator[None]:
 
 
 def _require_cuda() -> None:
+    """Raise EngineError if Dr.Jit finds no usable NVIDIA GPU."""
     llvm.require_drjit()
     import drjit
 

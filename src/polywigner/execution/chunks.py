@@ -95,6 +95,7 @@ def store(launched: Launched, samples: int) -> None:
 
 
 def _write(results: Sequence[Array], where: Any, fetch: Fetch) -> int:
+    """Wait for a chunk, write it to ``results[where]``, and return its number of samples."""
     parts = fetch()
     for result, values in zip(results, parts, strict=False):
         result[where] = values
@@ -102,7 +103,7 @@ def _write(results: Sequence[Array], where: Any, fetch: Fetch) -> int:
 
 
 def ready(values: tuple[Array, ...]) -> Fetch:
-    """Return a function that returns ``values``."""
+    """Return a function that returns the results of a finished chunk."""
     return lambda: values
 
 

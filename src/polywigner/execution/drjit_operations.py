@@ -47,6 +47,8 @@ class DrjitOperations(RowByRow):
         import drjit
 
         self._dr = drjit
+        self.round, self.exp, self.log = drjit.round, drjit.exp, drjit.log
+        self.atan2, self.sqrt = drjit.atan2, drjit.sqrt
         self.target, self.most_as_code = target, 0 if target == "data" else most_as_code
         self.float_type = self.value_type = float_type
         self.key: Hashable = float_type
@@ -68,6 +70,7 @@ class DrjitOperations(RowByRow):
         columns = [array_of(real, column) for column in zip(*rows, strict=True)]
 
         def of_row(index: Any) -> Values:
+            """Return the term of the row with an index."""
             return term(*(dr.gather(real, column, index) for column in columns))
 
         return self.plain_sum(0, len(rows), of_row, values)
@@ -89,6 +92,7 @@ class DrjitOperations(RowByRow):
         return self.fold(0, count, state, step)
 
     def needs_gradient(self, *values: Any) -> bool:
+        """Return whether any value takes part in automatic differentiation."""
         return any(self._dr.grad_enabled(value) for value in values)
 
     def for_lanes(self, *values: Any) -> DrjitOperations:
@@ -107,6 +111,7 @@ class DrjitOperations(RowByRow):
         return four_of(self.float_type)(*(array_of(self.float_type, row) for row in values))
 
     def first(self, value: Any) -> Drjit:
+        """Return the first of four samples, or the only sample."""
         return value[0] if self._dr.depth_v(value) > 1 else value
 
     def lookup(self, table: Sequence[float], index: Any) -> Drjit:
@@ -115,37 +120,15 @@ class DrjitOperations(RowByRow):
         return self._dr.gather(self.float_type, memory, self._numbers(index))
 
     def select(self, condition: Any, a: Any, b: Any) -> Drjit:
+        """Return ``a`` where the condition is true, and ``b`` elsewhere."""
         return self._dr.select(condition, self._typed(a), self._typed(b))
-
-    # With some versions of LLVM, dr.minimum and dr.maximum abort the process.
-    def minimum(self, a: Any, b: Any) -> Drjit:
-        a, b = self._typed(a), self._typed(b)
-        return self._dr.select(a < b, a, b)
-
-    def maximum(self, a: Any, b: Any) -> Drjit:
-        a, b = self._typed(a), self._typed(b)
-        return self._dr.select(a > b, a, b)
-
-    def round(self, a: Any) -> Drjit:
-        return self._dr.round(a)
 
     def snapped(self, a: Any, step: float) -> Drjit:
         """Return ``a``, rounded to a multiple of ``step``, with the derivative of ``a``."""
         return a + self._dr.detach(self._dr.round(a * (1 / step)) * step - a)
 
-    def exp(self, a: Any) -> Drjit:
-        return self._dr.exp(a)
-
-    def log(self, a: Any) -> Drjit:
-        return self._dr.log(a)
-
-    def atan2(self, y: Any, x: Any) -> Drjit:
-        return self._dr.atan2(y, x)
-
-    def sqrt(self, a: Any) -> Drjit:
-        return self._dr.sqrt(a)
-
     def fma(self, a: Any, b: Any, c: Any) -> Drjit:
+        """Return a b + c, rounded once."""
         return self._dr.fma(self._typed(a), self._typed(b), self._typed(c))
 
     def cross(self, ax: Any, ay: Any, bx: Any, by: Any) -> Drjit:
@@ -160,6 +143,7 @@ class DrjitOperations(RowByRow):
         return self.fma(a, b, -product)
 
     def _typed(self, value: Any) -> Drjit:
+        """Return a Python number as a Dr.Jit float, and an array unchanged."""
         return self.float_type(value) if isinstance(value, (int, float)) else value
 
     def on_device(self, table: Table) -> Drjit:
@@ -168,6 +152,7 @@ class DrjitOperations(RowByRow):
         return table.shape[1], array_of(kind, table)
 
     def gather(self, table: Any, row: Any) -> Values:
+        """Return the entries of one row of a table, read in packets of four if possible."""
         width, flat = table
         kind = type(flat)
         if width % 4:
@@ -177,12 +162,19 @@ class DrjitOperations(RowByRow):
         return tuple(entry for packet in loaded for entry in packet)
 
     def truncated(self, value: Any) -> Drjit:
+        """Return row indices from nonnegative floats."""
         return self._numbers(value)
 
     def fold(
         self, first: Any, end: Any, state: Values, step: Term, *, is_sum: bool = False
     ) -> Values:
+        """Return the state after ``state = step(row, *state)`` for the rows ``first`` to ``end``.
+
+        With ``is_sum``, the state consists of sums, which may have derivatives.
+        """
+
         def next_row(row: Any, *state: Any) -> Values:
+            """Return the next row index and the state after a row."""
             return row + 1, *step(row, *state)
 
         # With max_iterations=-1, Dr.Jit assumes that the loop only adds terms, so reverse mode
@@ -193,15 +185,21 @@ class DrjitOperations(RowByRow):
         return tuple(result)
 
     def _initial(self, value: Any) -> Drjit:
+        """Return a Python number as a Dr.Jit array, for the initial state of a loop."""
         kinds = {float: self.value_type, int: self._numbers}
         return kinds[type(value)](value) if type(value) in kinds else value
 
     def _rounded_off(self, a: Any, b: Any) -> Drjit:
+        """Return the exact rounding error of the sum a + b, as a constant."""
         return super()._rounded_off(self._dr.detach(a), self._dr.detach(b))
 
     def sum_over_rule(
         self, rule: Any, rules: Sequence[Table], term: Term, values: int, *samples: Any
     ) -> Values:
+        """Return the sums of ``term(*row, *samples)`` over the table ``rules[rule]``.
+
+        The index -1 gives a sum of 0.
+        """
         ends = np.cumsum([len(table) for table in rules])
         starts = ends - [len(table) for table in rules]
         ranges = np.stack([np.append(0, starts), np.append(0, ends)], axis=1)
@@ -213,11 +211,11 @@ class DrjitOperations(RowByRow):
 
 
 def four_of(kind: type) -> Any:
-    """Return Dr.Jit's type of arrays of four. A single load instruction reads all four entries."""
+    """Return Dr.Jit's type of arrays with four entries of a type, which one instruction loads."""
     names = {"Float": "Array4f", "Float64": "Array4f64", "UInt": "Array4u"}
     return getattr(sys.modules[kind.__module__], names[kind.__name__])
 
 
 def ops_for(float_type: type) -> Any:
-    """Return the operations for ``float`` or a Dr.Jit float type."""
+    """Return the operations on Python floats, or on arrays of a Dr.Jit float type."""
     return ScalarOperations() if float_type is float else DrjitOperations(float_type)

@@ -60,7 +60,7 @@ class GridPlan:
 
     @property
     def families(self) -> int:
-        """Number of families of parallel edges. Edges parallel to the axes form one family."""
+        """Number of families of parallel edges, where edges parallel to the axes count as one."""
         oblique = sum(not family.is_straight for family in self.tables.families)
         return oblique + (oblique < len(self.tables.families))
 
@@ -102,10 +102,10 @@ def plan_for_grid(
     x, y = components
     if x.ndim != 2 or x.shape != y.shape or min(x.shape) < _LEAST_SIDE:
         return None
-    transposed = not _is_grid(x, y)
+    transposed = not _are_axes_of_grid(x, y)
     if transposed:
         x, y = x.T, y.T
-        if not _is_grid(x, y):
+        if not _are_axes_of_grid(x, y):
             return None
     tables = kernel.grid_tables(source)
     if tables is None:
@@ -115,7 +115,8 @@ def plan_for_grid(
     return plan if plan.keeps_digits() else None
 
 
-def _is_grid(x: Array, y: Array) -> bool:
+def _are_axes_of_grid(x: Array, y: Array) -> bool:
+    """Return whether x varies only along the first axis of an array, and y along the second."""
     # Comparing the corners quickly excludes most arrays that are not a grid.
     if x[0, 0] != x[0, -1] or y[0, 0] != y[-1, 0]:
         return False
@@ -228,7 +229,7 @@ def evaluate(
         exact = kernel.tables_for(source, True)
         grid.fill(results, lambda points: _on_numpy(kernel, exact, points))
     elif plan.strategy == LISTED and rows is not None:
-        store(_shared(kernel, source, double, plan.engine, rows, results, shear), samples)
+        store(_in_row_blocks(kernel, source, double, plan.engine, rows, results, shear), samples)
     elif plan.engine == "numpy":
         tables = kernel.tables_for(source, True)
         store(_in_chunks(kernel, tables, components, results), samples)
@@ -268,6 +269,7 @@ def explained(call: Callable[[], object]) -> Plan | None:
 def _on_numpy(
     kernel: Kernel, tables: Any, components: Sequence[Array], shear: Shear | None = None
 ) -> tuple[Array, ...]:
+    """Return the flat results of a kernel at points that broadcast, computed by NumPy."""
     # Infinite and NaN arguments give NaN without a warning.
     with np.errstate(invalid="ignore", over="ignore"):
         if shear is not None:
@@ -284,6 +286,7 @@ def _on_numpy(
 def _in_chunks(
     kernel: Kernel, tables: Any, components: Sequence[Array], results: Sequence[Array]
 ) -> Launched:
+    """Yield the results of chunks of samples, computed by NumPy."""
     for arguments, targets in parts_of_results(components, results, _CHUNK):
         yield targets, ..., ready(_on_numpy(kernel, tables, arguments)[: len(results)])
 
@@ -355,7 +358,7 @@ def shared_rows(
     return None
 
 
-def _shared(
+def _in_row_blocks(
     kernel: Kernel,
     source: Any,
     double: bool,
@@ -364,6 +367,7 @@ def _shared(
     results: Sequence[Array],
     shear: Shear | None,
 ) -> Launched:
+    """Yield the results of blocks of rows. The samples of a row share a slice."""
     slices, exact = kernel.edge_sum, kernel.tables_for(source, True)
     assert isinstance(slices, SliceSum)
     compiled = None
@@ -411,7 +415,7 @@ def evaluate_sums(
     """Return weighted sums of a kernel over positions, at each point.
 
     The sum of weight × kernel(*position, *point, *constants) over all positions has the shape (n,).
-    The kernel must have one real result.
+    The kernel must have one real result. The memory use is proportional to the number of positions.
 
     Parameters
     ----------
@@ -425,21 +429,16 @@ def evaluate_sums(
         Last arguments of the kernel.
     """
     total = np.zeros(len(points))
-    if not len(points) or not len(positions):
-        return total
     terms = terms_of(kernel, kernel.tables_for(source, double))
     actual = resolved(engine, len(positions) * len(points), terms)
     how: Any = {"double": double, "engine": actual, "outputs": 1}
     fixed = [np.array(value) for value in constants]
-    step = min(len(positions), _BLOCK)
-    width = max(1, _BLOCK // step)
-    for start in range(0, len(positions), step):
+    step = max(1, _BLOCK // len(positions))
+    for start in range(0, len(points), step):
         block = slice(start, start + step)
-        for low in range(0, len(points), width):
-            columns = slice(low, low + width)
-            components = [*positions[block].T, *points[columns].T[:, :, None], *fixed]
-            (values,) = evaluate(kernel, source, components, **how)
-            total[columns] += values @ weights[block]
+        components = [*positions.T, *points[block].T[:, :, None], *fixed]
+        (values,) = evaluate(kernel, source, components, **how)
+        total[block] = values @ weights
     return total
 
 

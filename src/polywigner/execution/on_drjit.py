@@ -56,6 +56,7 @@ class _Frozen:
         cell = SimpleNamespace(function=function)
 
         def replayed(*arguments: Any) -> Values:
+            """Call the function. Dr.Jit records the first call."""
             return cell.function(*arguments)
 
         self.replayed = drjit.freeze(replayed, limit=_MOST_RECORDINGS, warn_after=1 << 30)
@@ -64,6 +65,7 @@ class _Frozen:
         self.lock = threading.Lock()
 
     def __call__(self, *arguments: Any) -> Values:
+        """Record the function, or replay its recording, with new arguments."""
         with self.lock, without_collection():
             try:
                 results: Values = self.replayed(*arguments)
@@ -159,6 +161,7 @@ class OnDrjit:
             )
 
     def _traced(self, *arguments: Any) -> tuple[Any, ...]:
+        """Return the results of the kernel at Dr.Jit arrays of coordinates."""
         inner = self.kernel.enter(self.entry, self.tables.frame, *arguments)
         if not self.ops.double:
             inner = tuple(self.ops.float_type(a) for a in inner)
@@ -189,6 +192,7 @@ class OnDrjit:
         return _fetching(self.kernel.leave(ops, self.tables.frame, at, total), shape)
 
     def _looked_up(self, values: Any, shape: tuple[int, int], row: Any, column: Any) -> Drjit:
+        """Return the values of an argument, of a shape that broadcasts, at rows and columns."""
         import drjit
 
         kind, (rows, columns) = self.ops.float_type, shape
@@ -208,6 +212,7 @@ def _fetching(results: Sequence[Any], shape: tuple[int, ...] = (-1,)) -> Fetch:
 
 
 def _split(kind: Any, rows: int, columns: int) -> tuple[Any, Any]:
+    """Return the row and the column index of each sample, without literals in the code."""
     import drjit
 
     index = drjit.arange(drjit.uint32_array_t(kind), rows * columns)
@@ -226,7 +231,10 @@ def row_sums(
     outputs: int,
     engine: str,
 ) -> tuple[npt.NDArray[np.float64], ...]:
-    """Return the sums of :func:`evaluate_rows`, computed by a compiled loop over the table."""
+    """Return the sums of ``term`` over the rows of a table for each sample, by a compiled loop.
+
+    The samples are the columns of ``columns``, and ``constants`` are arguments of ``term``.
+    """
     import drjit as dr
 
     kind = drjit_float(engine, True)
@@ -236,6 +244,7 @@ def row_sums(
     shared = tuple(dr.opaque(kind, float(value)) for value in constants)
 
     def step(row: Any, *total: Any) -> Values:
+        """Return the sums after a row of the table."""
         parts = term(ops, ops.gather(rows, row), sample, shared)
         return tuple(a + b for a, b in zip(total, parts, strict=True))
 
@@ -279,6 +288,10 @@ class OnDrjitData:
             yield targets, *self._begun(arguments)
 
     def _begun(self, arguments: Sequence[Array]) -> tuple[Any, Fetch]:
+        """Start the computation of a chunk of samples.
+
+        Returns the order of the samples, and a function that waits for their results.
+        """
         import drjit
 
         ops, kind, source = self.ops, self.ops.float_type, self.source
@@ -289,6 +302,7 @@ class OnDrjitData:
         inner = [a if a.ndim == 0 or order is ... else a.take(order) for a in inner]
 
         def summed(*arrays: Any) -> Values:
+            """Return the sums from the tables of the source, followed by the samples."""
             tables, values = iter(arrays[: len(source.numbers)]), arrays[len(source.numbers) :]
             lanes = ops.for_lanes(*values)
             return source.summed(lanes, lambda table: (table.shape[1], next(tables)), *values)
@@ -300,6 +314,7 @@ class OnDrjitData:
         drjit.eval(sums)
 
         def fetch() -> tuple[Array, ...]:
+            """Wait for the sums, and return the results of the chunk."""
             values = tuple(np.asarray(value.numpy()) for value in sums)
             with np.errstate(invalid="ignore", over="ignore"):
                 return self.kernel.leave(self.host, self.frame, tuple(inner), values)
@@ -323,6 +338,7 @@ class OnDrjitData:
         return self.kernel.leave(ops, frame, inner, sums)
 
     def _sent(self, number: int, table: Array) -> Drjit:
+        """Copy a table to the memory of the engine, padded to a size that depends on ``number``."""
         width = -(-table.size // _SIZES) * _SIZES + _APART * (number + 1)
         padded = np.zeros(width, table.dtype)
         padded[: table.size] = table.ravel()
@@ -352,6 +368,7 @@ class _Slices:
         self.is_recorded = tables.coherence is None and tables.waves_per_cut <= MOST_PAIRS_AS_CODE
 
     def state(self, ops: DrjitOperations, send: Callable[[int, Array], Any]) -> list[Any]:
+        """Return tables of edge pairs in the memory of the engine, from the cache if possible."""
         sent, number = [], 0
         for grid in self.pairs.values():
             key = ops.key, number
@@ -363,6 +380,7 @@ class _Slices:
         return sent
 
     def order(self, inner: Sequence[Array]) -> Order:
+        """Return indices that sort samples by cell, or Ellipsis if there are few edges."""
         if not self.sorts:
             return ...
         key, grid = next(iter(self.pairs.items()))
@@ -372,6 +390,7 @@ class _Slices:
         return order_by_cell(self.slices, key, grid, inner, is_grouped=is_grouped)
 
     def summed(self, ops: DrjitOperations, send: Send, *inner: Any) -> Values:
+        """Return the sums over edge pairs for samples. ``send`` returns tables in memory."""
         pairs = {key: grid.on_device(send) for key, grid in self.pairs.items()}
         return self.slices.by_pairs(ops, self.tables, pairs, *inner)
 
@@ -424,12 +443,15 @@ class _Edges:
         self.numbers: list[Array] = [rows, np.array([[len(rows)]], np.uint32)]
 
     def state(self, ops: DrjitOperations, send: Callable[[int, Array], Any]) -> list[Any]:
+        """Return the table of edges and the number of edges, in the memory of the engine."""
         return [send(k, table) for k, table in enumerate(self.numbers)]
 
     def order(self, inner: Sequence[Array]) -> Order:
+        """Return Ellipsis, because samples are not sorted."""
         return ...
 
     def summed(self, ops: DrjitOperations, send: Send, *inner: Any) -> Values:
+        """Return the sums over edges for samples. ``send`` returns tables in memory."""
         rows, count = (send(table) for table in self.numbers)
         (end,) = ops.gather(count, ops.truncated(0.0))
         sums: Values = self.kernel.edge_sum(_OverRows(ops, rows, end), self.tables, *inner)
@@ -444,6 +466,7 @@ class _OverRows(DrjitOperations):
     def sum_over(
         self, rows: Any, term: Any, values: int, like: Any, *, unroll: bool = True
     ) -> Values:
+        """Return the sums of ``term`` over the rows in memory instead of ``rows``."""
         columns = len(rows[0])
         return self.plain_sum(
             0, self.end, lambda row: term(*self.gather(self.rows, row)[:columns]), values
@@ -453,6 +476,7 @@ class _OverRows(DrjitOperations):
 @dataclass(frozen=True)
 class _DataFrame(Frame):
     def position(self, ops: Any, *x: Any) -> tuple[Any, ...]:
+        """Return positions in the frame, whose centre is rounded to one float per coordinate."""
         pairs: Any = self.centre
         nearest: Any = tuple(high for high, _ in pairs)
         return Frame.position(replace(self, centre=nearest), ops, *x)
@@ -465,10 +489,12 @@ def with_frame_as_data(ops: DrjitOperations, tables: Any) -> Tables:
 
 
 def _centre_in_memory(ops: DrjitOperations, frame: Frame) -> Drjit:
+    """Return the coordinates of a frame's centre, each as a pair of floats, in one array."""
     return array_of(ops.float_type, [phases.doubled(c, ops.double) for c in frame.centre])
 
 
 def _frame_as_data(ops: DrjitOperations, frame: Frame, centre: Drjit) -> Frame:
+    """Return a frame whose centre is read from the array of :func:`_centre_in_memory`."""
     values = {field.name: getattr(frame, field.name) for field in fields(Frame)}
     values["centre"] = tuple(
         ops.gather((2, centre), ops.truncated(k)) for k in range(len(frame.centre))

@@ -36,7 +36,7 @@ def unrolled_sum(rows: Sequence[Row], term: Term) -> Values:
     """Return the sums of ``term(*row)`` over all rows, computed row by row."""
     totals = term(*rows[0])
     for row in rows[1:]:
-        totals = _added(totals, term(*row))
+        totals = _sums(totals, term(*row))
     return totals
 
 
@@ -47,7 +47,8 @@ def unrolled_steps(count: int, state: Values, step: Term) -> Values:
     return state
 
 
-def _added(a: Sequence[Any], b: Sequence[Any]) -> Values:
+def _sums(a: Sequence[Any], b: Sequence[Any]) -> Values:
+    """Return the sums of corresponding entries of two sequences."""
     return tuple(p + q for p, q in zip(a, b, strict=True))
 
 
@@ -60,6 +61,7 @@ class Operations:
     """Key of tables in the memory of an engine. Operations with equal keys share the tables."""
 
     def needs_gradient(self, *values: Any) -> bool:
+        """Return whether any value takes part in automatic differentiation."""
         return False
 
     def first(self, value: Any) -> Any:
@@ -74,12 +76,15 @@ class _Unfused(Operations):
     lost = staticmethod(product_error)
 
     def sum_large_terms(self, rows: Sequence[Row], term: Term, clips: int) -> Values:
+        """Return the sums of terms with ``clips`` clipped edges over all rows."""
         return unrolled_sum(rows, term)
 
     def repeated(self, count: int, state: Values, step: Term, _: Any) -> Values:
+        """Return the state after ``count`` steps ``state = step(number, *state)``."""
         return unrolled_steps(count, state, step)
 
     def fma(self, a: Any, b: Any, c: Any) -> Numbers:
+        """Return a b + c, rounded twice."""
         return a * b + c
 
     def snapped(self, a: Any, step: float) -> Numbers:
@@ -106,7 +111,7 @@ class NumpyOperations(_Unfused):
         totals: Values = (0.0,) * values
         for start in range(0, len(table), block):
             terms = term(*table[start : start + block].T.reshape(table.shape[1], -1, *axes))
-            totals = _added(totals, [part.sum(axis=0) for part in terms])
+            totals = _sums(totals, [part.sum(axis=0) for part in terms])
         return tuple(np.asarray(total) for total in totals)
 
     select = staticmethod(np.where)
@@ -145,9 +150,10 @@ class NumpyOperations(_Unfused):
         totals = [np.zeros(count) for _ in range(values)]
 
         def of(owner: Array) -> list[Array]:
+            """Return the samples that own the listed rows."""
             return [a[owner] if len(a) == count else a for a in flat]
 
-        for owner, row in _listed(begin, stop - begin):
+        for owner, row in _row_blocks(begin, stop - begin):
             (chosen,) = np.nonzero(keep(row, *of(owner)))
             for part in (chosen[k : k + _BLOCK] for k in range(0, len(chosen), _BLOCK)):
                 terms = term(row[part], *of(owner[part]))
@@ -173,13 +179,14 @@ class NumpyOperations(_Unfused):
             block = max(1, _BLOCK // max(1, count))
             for start in range(0, len(table), block):
                 terms = term(*np.moveaxis(table[start : start + block], 1, 0), *flat)
-                sums = _added(sums, [part.sum(axis=0) for part in terms])
+                sums = _sums(sums, [part.sum(axis=0) for part in terms])
             for total, part in zip(totals, sums, strict=True):
                 total[chosen] = part.reshape(total[chosen].shape)
         return totals
 
 
-def _listed(first: Array, counts: Array) -> Iterator[tuple[Array, Array]]:
+def _row_blocks(first: Array, counts: Array) -> Iterator[tuple[Array, Array]]:
+    """Yield blocks of samples and their rows. Sample k has ``counts[k]`` rows from ``first[k]``."""
     ends = counts.cumsum()
     starts = ends - counts
     for begin in range(0, int(ends[-1]) if len(ends) else 0, _LISTED):
@@ -198,16 +205,29 @@ class RowByRow(Operations):
     and returns the final state. With ``is_sum``, the state consists of sums, which may have
     derivatives."""
 
+    # With some versions of LLVM, dr.minimum and dr.maximum abort the process.
+    def minimum(self, a: Any, b: Any) -> Numbers:
+        """Return the smaller of two values."""
+        return self.select(a < b, a, b)
+
+    def maximum(self, a: Any, b: Any) -> Numbers:
+        """Return the larger of two values."""
+        return self.select(a > b, a, b)
+
     def plain_sum(self, first: Any, end: Any, term: Term, values: int) -> Values:
-        """Return the sums of ``term(row)`` without compensation, for a small number of terms."""
+        """Return the sums of ``term(row)`` over a range of rows, without compensation."""
 
         def step(row: Any, *sums: Any) -> Values:
-            return _added(sums, term(row))
+            """Return the sums after a row."""
+            return _sums(sums, term(row))
 
         return self.fold(first, end, (0.0,) * values, step, is_sum=True)
 
     def sum_over_range(self, first: Any, end: Any, term: Term, values: int) -> Values:
+        """Return the sums of ``term(row)`` over rows, compensated in single precision."""
+
         def visit(row: Any) -> tuple[Any, Values, Values, Term]:
+            """Return a term that does not depend on a level."""
             return True, (), (), lambda _: term(row)
 
         return self.sum_over_rows(first, end, visit, values, 0)
@@ -215,6 +235,10 @@ class RowByRow(Operations):
     def sum_over_some(
         self, first: Any, end: Any, keep: Callable[..., Any], term: Term, values: int, *samples: Any
     ) -> Values:
+        """Return the sums of ``term(row, *samples)`` over a range of rows.
+
+        ``keep`` is not called, because terms of rows that it excludes are 0.
+        """
         return self.sum_over_range(first, end, lambda row: term(row, *samples), values)
 
     def sum_over_rows(
@@ -233,18 +257,19 @@ class RowByRow(Operations):
         """
 
         def step(row: Any, *state: Any) -> Values:
+            """Return the level, the sums and their rounding errors after a row."""
             level, sums, lost = state[:levels], state[levels : levels + values], state[-values:]
             sets, start, jumps, term = visit(row)
             level = tuple(self.select(sets, a, b) for a, b in zip(start, level, strict=True))
             terms = term(level)
             if self.double:
-                return *_added(level, jumps), *_added(sums, terms)
+                return *_sums(level, jumps), *_sums(sums, terms)
             errors = [self._rounded_off(a, b) for a, b in zip(sums, terms, strict=True)]
-            return *_added(level, jumps), *_added(sums, terms), *_added(lost, errors)
+            return *_sums(level, jumps), *_sums(sums, terms), *_sums(lost, errors)
 
         count = levels + (1 if self.double else 2) * values
         sums = self.fold(first, end, (0.0,) * count, step, is_sum=True)[levels:]
-        return sums if self.double else _added(sums[:values], sums[values:])
+        return sums if self.double else _sums(sums[:values], sums[values:])
 
     def _rounded_off(self, a: Any, b: Any) -> Numbers:
         """Return the exact rounding error of the sum a + b (Knuth)."""
@@ -262,9 +287,11 @@ class ScalarOperations(_Unfused, RowByRow):
     def sum_over(
         self, rows: Sequence[Row], term: Term, values: int, like: Any, *, unroll: bool = True
     ) -> Values:
+        """Return the sums of ``term(*row)`` over all rows."""
         return unrolled_sum(rows, term)
 
     def select(self, condition: Any, a: Any, b: Any) -> Numbers:
+        """Return ``a`` if the condition is true, otherwise ``b``."""
         return a if condition else b
 
     exp = staticmethod(math.exp)
@@ -272,27 +299,26 @@ class ScalarOperations(_Unfused, RowByRow):
     atan2 = staticmethod(math.atan2)
     sqrt = staticmethod(math.sqrt)
 
-    def minimum(self, a: Any, b: Any) -> Numbers:
-        return a if a < b else b
-
-    def maximum(self, a: Any, b: Any) -> Numbers:
-        return a if a > b else b
-
     def round(self, a: Any) -> Numbers:
+        """Return the nearest integer."""
         return math.floor(a + 0.5)
 
     def on_device(self, table: Table) -> Numbers:
+        """Return a table as nested lists."""
         return table.tolist()
 
     def gather(self, table: Any, row: Any) -> Values:
+        """Return the entries of one row of a table."""
         return tuple(table[row])
 
     def truncated(self, value: Any) -> Numbers:
+        """Return a row index from a nonnegative float."""
         return int(value)
 
     def fold(
         self, first: Any, end: Any, state: Values, step: Term, *, is_sum: bool = False
     ) -> Values:
+        """Return the state after ``state = step(row, *state)`` for all rows."""
         for row in range(first, end):
             state = step(row, *state)
         return state
@@ -300,7 +326,11 @@ class ScalarOperations(_Unfused, RowByRow):
     def sum_over_rule(
         self, rule: float, rules: Sequence[Table], term: Term, values: int, *samples: float
     ) -> Values:
+        """Return the sums of ``term(*row, *samples)`` over the table ``rules[rule]``.
+
+        The index -1 gives a sum of 0.
+        """
         totals: Values = (0.0,) * values
         for row in rules[int(rule)].tolist() if rule >= 0 else ():
-            totals = _added(totals, term(*row, *samples))
+            totals = _sums(totals, term(*row, *samples))
         return totals

@@ -21,6 +21,7 @@ from polywigner.execution.chunks import array_of
 from polywigner.execution.drjit_operations import DrjitOperations
 from polywigner.execution.operations import Drjit, Numbers
 from polywigner.geometry.arguments import real_numbers
+from polywigner.numerics.chirps import waves_of_cycles
 from polywigner.numerics.phases import cos_sin_cycles
 
 Points = Mapping[str, Any]
@@ -41,6 +42,7 @@ def has_drjit(values: Iterable[object]) -> bool:
 
 
 def _is_tensor(value: Any) -> bool:
+    """Return whether a value is a Dr.Jit tensor."""
     return is_drjit(value) and bool(sys.modules["drjit"].is_tensor_v(value))
 
 
@@ -160,10 +162,11 @@ def on_components(
 
 
 def _component_array(name: str, value: Any, float_type: type) -> Drjit:
+    """Return points as a component array, or raise ArgumentError."""
     import drjit
 
     if not is_drjit(value):
-        array = _host_points(name, value)
+        array = _numpy_points(name, value)
         if array.ndim not in (1, 2) or not 0 < array.shape[-1] < 4:
             raise ArgumentError(
                 f"expected {name} of shape (d,) or (n, d), because the other argument has d "
@@ -181,6 +184,7 @@ def _component_array(name: str, value: Any, float_type: type) -> Drjit:
 
 
 def _from_tensors(points: Points, float_type: type) -> tuple[dict[str, Drjit], tuple[int, ...]]:
+    """Return points in tensors as flat component arrays, and their broadcast shape."""
     import drjit
 
     flat: dict[str, Drjit] = {}
@@ -194,7 +198,7 @@ def _from_tensors(points: Points, float_type: type) -> tuple[dict[str, Drjit], t
                 f"{type(value).__name__}; use one kind of array for all points"
             )
         else:
-            array = _host_points(name, value)
+            array = _numpy_points(name, value)
             shapes[name], flat[name] = array.shape, array_of(float_type, array)
         if not shapes[name] or not 0 < shapes[name][-1] < 4:
             raise ArgumentError(
@@ -219,7 +223,8 @@ def _from_tensors(points: Points, float_type: type) -> tuple[dict[str, Drjit], t
     return arrays, shape
 
 
-def _host_points(name: str, value: Any) -> NDArray[np.float64]:
+def _numpy_points(name: str, value: Any) -> NDArray[np.float64]:
+    """Return points as a float64 NumPy array, or raise ArgumentError."""
     try:
         return real_numbers(value)
     except ValueError as error:
@@ -275,7 +280,7 @@ def matrix_times(matrix: NDArray[np.float64], components: Sequence[Any]) -> list
 def unit_wave(cycles: Numbers) -> Numbers:
     """Return exp(2 pi i cycles) as a complex NumPy array or a ``Complex2f``."""
     if not is_drjit(cycles):
-        return np.exp(2j * np.pi * (cycles - np.round(cycles)))
+        return waves_of_cycles(cycles)
     cosine, sine = cos_sin_cycles(DrjitOperations(type(cycles)), cycles)
     return sibling(type(cycles), "Complex2f")(cosine, sine)
 

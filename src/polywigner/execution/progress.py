@@ -53,10 +53,15 @@ def progress_bar(
     if not (_is_terminal() if show is None else checked_flag(show, "progress")):
         yield lambda parts=1: None
         return
+    from rich.console import Console
+    from rich.progress import MofNCompleteColumn, Progress, TimeElapsedColumn
+
+    columns = (*Progress.get_default_columns(), MofNCompleteColumn(), TimeElapsedColumn())
     _bars += 1
     try:
-        with _bar(title, total, done) as advance:
-            yield advance
+        with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+            task = bar.add_task(title, total=total, completed=done)
+            yield lambda parts=1: bar.advance(task, parts)
     finally:
         _bars -= 1
 
@@ -69,6 +74,7 @@ def slow_bar(title: str, total: int) -> Iterator[Advance]:
     with ExitStack() as stack:
 
         def advance(parts: int = 1) -> None:
+            """Count finished parts, and draw the bar if the task is slow."""
             nonlocal done, draw
             done += parts
             is_slow = done < total and time.monotonic() - start > _PATIENCE
@@ -88,20 +94,10 @@ def with_progress(title: str, parts: Sequence[Part]) -> Iterator[Iterator[Part]]
     """
 
     def iterate() -> Iterator[Part]:
+        """Yield the parts, and count each part when the next one is requested."""
         for part in parts:
             yield part
             advance()
 
     with slow_bar(title, len(parts)) as advance:
         yield iterate()
-
-
-@contextmanager
-def _bar(title: str, total: int, done: int) -> Iterator[Advance]:
-    from rich.console import Console
-    from rich.progress import MofNCompleteColumn, Progress, TimeElapsedColumn
-
-    columns = (*Progress.get_default_columns(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(title, total=total, completed=done)
-        yield lambda parts=1: bar.advance(task, parts)

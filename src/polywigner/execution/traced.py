@@ -107,6 +107,10 @@ class _Accumulator:
         self.known: dict[tuple[int, int], tuple[Any, Any]] = {}
 
     def edge(self, begin: Any, end: Any, normal: tuple[Any, Any], at: tuple[Pair, Pair]) -> Pair:
+        """Return the change due to displacements of both vertices of an edge along its normal.
+
+        ``begin`` and ``end`` are indices of vertices, and ``at`` contains the gradient at each one.
+        """
         total = Pair(0.0, 0.0)
         for number, gradient in zip((begin, end), at, strict=True):
             x, y = self._looked_up(self.vertices, number)
@@ -114,10 +118,12 @@ class _Accumulator:
         return total
 
     def weight(self, number: Any, gradient: Pair, of_conjugate: Pair) -> Pair:
+        """Return the change due to changes of a weight and of its complex conjugate."""
         x, y = self._looked_up(self.weights, number)
         return gradient * Pair(x, y) + of_conjugate * Pair(x, -y)
 
     def _looked_up(self, pair: Any, number: Any) -> tuple[Any, Any]:
+        """Return the two numbers of a vertex or weight with an index."""
         import drjit as dr
 
         if isinstance(pair[0], tuple):
@@ -222,6 +228,7 @@ def evaluate_traced(
 
 
 def _typed(ops: DrjitOperations, results: Sequence[Drjit], is_complex: bool) -> Drjit:
+    """Return real and imaginary parts as a ``Complex2f``, or a real result as a ``Float``."""
     return sibling(ops.float_type, "Complex2f")(*results[:2]) if is_complex else results[0]
 
 
@@ -242,9 +249,11 @@ def _recorded(
         return None
 
     def as_data() -> OnDrjitData:
+        """Return the kernel with the source in memory."""
         return OnDrjitData(kernel, tables, ops.float_type)
 
     def results(*arrays: Drjit) -> Values:
+        """Return the results at points, which follow the arrays of a source in memory."""
         return kernel(ops, tables, *arrays) if has_code else as_data().at_points(*arrays)
 
     recorded = frozen(results, (kernel, tables), ops.float_type, "points")
@@ -263,7 +272,7 @@ def _order(
     components: Sequence[Drjit],
     numbers: Sequence[Any],
 ) -> NDArray[np.intp] | None:
-    """Return the indices of :func:`order_by_cell`, or None if sorting saves no time."""
+    """Return indices that sort samples by the cell of their offset; None if that saves no time."""
     import drjit
 
     slices, count = kernel.slices, max(map(drjit.width, components))
@@ -326,6 +335,7 @@ def site_sum(nu: Drjit, positions: NDArray[np.float64], weights: Drjit) -> Drjit
     columns = [array_of(ops.float_type, column) for column in positions.T] + list(weights)
 
     def term(row: Drjit) -> tuple[Drjit, Drjit]:
+        """Return the real and the imaginary part of the term of one position."""
         x, y, a, b = (dr.gather(ops.float_type, column, row) for column in columns)
         cosine, sine = cos_sin_cycles(ops, dr.fma(nu_x, x, nu_y * y))
         return a * cosine + b * sine, b * cosine - a * sine

@@ -37,6 +37,16 @@ def cluster_indices(values: Floats, tolerance: float) -> Indices:
     return np.unique(labels, axis=0, return_inverse=True)[1].ravel()
 
 
+def blocks_by_size(sizes: NDArray[np.integer[Any]], limit: int) -> list[Indices]:
+    """Divide the indices of items into consecutive blocks whose sizes add up to about ``limit``.
+
+    A block may exceed the limit by up to the size of one item.
+    """
+    block = np.cumsum(sizes) // limit
+    blocks = np.split(np.arange(len(sizes)), np.flatnonzero(np.diff(block)) + 1)
+    return blocks if len(sizes) else []
+
+
 class Mask(Protocol):
     """A truth value, or an array of truth values from NumPy or Dr.Jit."""
 

@@ -14,13 +14,12 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError
-from polywigner.execution.progress import progress_bar
+from polywigner.execution.progress import slow_bar
 from polywigner.geometry import Aperture, Slits, Wavefront
 from polywigner.geometry.arguments import checked_number, finite_array
-from polywigner.numerics import Floats
+from polywigner.numerics import Floats, Indices, blocks_by_size
 from polywigner.numerics.nodes import uniform_rule
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.source import Array
@@ -109,6 +108,7 @@ def checked_source(source: Any) -> PlaneSource:
 
 
 def checked_directions(direction: Any) -> Floats:
+    """Return unit vectors (..., 3) with z >= 0, or raise ArgumentError."""
     check_no_drjit(direction=direction)
     array = checked_unit_vectors("direction", direction)
     back = array[..., 2] < 0
@@ -120,7 +120,8 @@ def checked_directions(direction: Any) -> Floats:
     return array
 
 
-def checked_positions(x: Any) -> Floats:
+def checked_plane_positions(x: Any) -> Floats:
+    """Return finite positions (..., 2) in m, or raise ArgumentError."""
     check_no_drjit(x=x)
     return finite_array(x, "expected finite positions x of shape (..., 2)", (..., 2))
 
@@ -130,8 +131,6 @@ def checked_positions(x: Any) -> Floats:
 _MOST_WAVELENGTHS = 1e5
 # Directions per block, which take a few MB.
 _BLOCK = 1 << 17
-# Number of evaluations above which a terminal shows a progress bar; they take a few seconds.
-_LONG = 1 << 25
 
 # Source size [wavelengths] above which the integral over lags is used, because sums over directions
 # would take seconds.
@@ -187,6 +186,7 @@ def longest_path(source: PlaneSource | Wavefront) -> float:
 
 
 def check_width(lag: float, wavelength: float) -> None:
+    """Raise ArgumentError if a source of size ``lag`` is wider than 100,000 wavelengths."""
     if not lag / wavelength <= _MOST_WAVELENGTHS:
         raise ArgumentError(
             f"the source is {lag / wavelength:.3g} wavelengths wide, but integrals over "
@@ -195,33 +195,29 @@ def check_width(lag: float, wavelength: float) -> None:
         )
 
 
-def directions_and_weights(
-    lag: float, wavelength: float, positions: int = 1
-) -> Iterator[tuple[Floats, Floats]]:
+def directions_and_weights(lag: float, wavelength: float) -> Iterator[tuple[Floats, Floats]]:
     """Yield quadrature nodes on the hemisphere: unit vectors (n, 3) and solid angles (n,).
 
     For a source of size ``lag`` in m, the rule integrates W or |F|^2, also multiplied by
     polynomials in the vector components, with an error of 1e-14 of the largest value. It has about
-    15 (lag/wavelength)^2 nodes, at least a hundred. ``positions``: evaluations per direction, for
-    the progress bar. Raises ArgumentError for sources that are too large.
+    15 (lag/wavelength)^2 nodes, at least a hundred. Raises ArgumentError for sources that are too
+    large.
     """
     check_width(lag, wavelength)
     phase = 2 * math.pi * lag / wavelength
-    theta, weight = _polar(phase)
-    counts = _azimuths(phase * np.sin(theta))
-    ends = np.cumsum(counts)
-    first, all_directions = 0, int(ends[-1])
-    show = None if positions * all_directions > _LONG else False
-    with progress_bar("directions", all_directions, show=show) as advance:
-        while first < len(theta):
-            below = int(np.searchsorted(ends, ends[first] - counts[first] + _BLOCK, side="right"))
-            last = max(below, first + 1)
-            yield _rings(theta[first:last], weight[first:last], counts[first:last])
-            advance(int(counts[first:last].sum()))
-            first = last
+    theta, weight = _polar_nodes(phase)
+    counts = _azimuth_counts(phase * np.sin(theta))
+    with slow_bar("directions", int(counts.sum())) as advance:
+        for rings in blocks_by_size(counts, _BLOCK):
+            yield _directions_on_rings(theta[rings], weight[rings], counts[rings])
+            advance(int(counts[rings].sum()))
 
 
-def _rings(theta: Floats, weight: Floats, counts: NDArray[np.intp]) -> tuple[Floats, Floats]:
+def _directions_on_rings(theta: Floats, weight: Floats, counts: Indices) -> tuple[Floats, Floats]:
+    """Return unit vectors (n, 3) and solid angles (n,) for the polar angles theta.
+
+    ``counts`` contains the number of azimuths for each polar angle.
+    """
     polar = np.repeat(theta, counts)
     index = np.arange(len(polar)) - np.repeat(np.cumsum(counts) - counts, counts)
     phi = 2 * math.pi * index / np.repeat(counts, counts)
@@ -230,17 +226,17 @@ def _rings(theta: Floats, weight: Floats, counts: NDArray[np.intp]) -> tuple[Flo
     return directions, np.repeat(2 * math.pi * weight * np.sin(theta) / counts, counts)
 
 
-def _azimuths(phase: Floats) -> NDArray[np.intp]:
-    """Return the number of azimuths for integrals of exp(i phase cos(phi)) cos(phi)^m, m <= 2."""
+def _azimuth_counts(phase: Floats) -> Indices:
+    """Return the numbers of azimuths for integrals of exp(i phase cos(phi)) cos(phi)^m, m <= 2."""
     # The error 2 J_n(phase) is 3e-15. Constants fitted to phases from 0.1 to 3000.
     return np.ceil(phase + 11.0 * np.cbrt(phase) + 9.0).astype(np.intp)
 
 
 @lru_cache(maxsize=8)
-def _polar(phase: float) -> tuple[Floats, Floats]:
+def _polar_nodes(phase: float) -> tuple[Floats, Floats]:
     """Return nodes between 0 and pi/2 and their weights, for waves with phases up to ``phase``."""
     # On half a panel, the phase changes by at most pi/4 of its largest value. The constants were
-    # fitted as in `_azimuths`.
+    # fitted as in `_azimuth_counts`.
     panels = max(1, math.ceil(phase / _PANEL))
     along = phase / panels
     count = math.ceil(math.pi / 8 * along + 4.0 * math.cbrt(along) + 7.0)
@@ -261,17 +257,17 @@ def power_by_lags(
     # The obliquity factor is smooth except at the horizon. Long lags contribute only through
     # parallel sides: a fraction (wavelength/width)^(5/2) of the power, or (wavelength/width)^(3/2)
     # with a normal derivative. A smooth cut-off omits these lags.
-    slope = steepest(source, wavelength)
+    slope = largest_transverse_cosine(source, wavelength)
     soft = _SOFT / (1.0 - min(slope, _STEEP))
-    reach = (_ENDS[-1] + _BEYOND) * soft
+    longest_lag = (_ENDS[-1] + _BEYOND) * soft
     width = largest_lag(source) / wavelength
-    if width < _WIDE or slope > _STEEP or 4.0 * reach > width:
+    if width < _WIDE or slope > _STEEP or 4.0 * longest_lag > width:
         return None
-    phi, around = _lag_angles(source, 2.0 * math.pi * slope * reach)
+    phi, around = _lag_angles(source, 2.0 * math.pi * slope * longest_lag)
     node, weight = np.polynomial.legendre.leggauss(_ON_PERIOD)
-    count = math.ceil(reach)
-    rho = ((np.arange(count)[:, None] + (node + 1) / 2) * (reach / count)).ravel()
-    ring = np.tile(weight * (reach / count / 2), count) * rho
+    count = math.ceil(longest_lag)
+    rho = ((np.arange(count)[:, None] + (node + 1) / 2) * (longest_lag / count)).ravel()
+    ring = np.tile(weight * (longest_lag / count / 2), count) * rho
     cut_offs = [[0.5 * math.erfc((r - end * soft) / soft) for r in rho.tolist()] for end in _ENDS]
     lags = wavelength * rho[:, None, None] * np.stack([np.cos(phi), np.sin(phi)], axis=-1)
     powers = np.zeros(len(_ENDS))
@@ -282,8 +278,8 @@ def power_by_lags(
     return float(powers[1]) if abs(powers[1] - powers[0]) <= _SAME * abs(powers[1]) else None
 
 
-def steepest(source: PlaneSource | Wavefront, wavelength: float) -> float:
-    """Return the largest transverse direction cosine of a source's field."""
+def largest_transverse_cosine(source: PlaneSource | Wavefront, wavelength: float) -> float:
+    """Return the largest transverse direction cosine of the local waves of a source."""
     flat: Any = flat_source(source)
     highest = float(np.linalg.norm(normal_form(flat).frequencies, axis=1).max())
     if isinstance(source, Wavefront):
@@ -322,7 +318,7 @@ _DARK = 1e-12
 
 
 def checked_powers(power: float, energy: float, wavelength: float) -> tuple[float, float]:
-    """Return both powers in W; raise IlluminationError if the source does not radiate."""
+    """Return the radiated power and the energy; raise an error if hardly any power is radiated."""
     if not power > _DARK * max(0.0, energy):
         raise IlluminationError(
             f"the source radiates only {power:.3g} W at a wavelength of {wavelength:g} m; check "

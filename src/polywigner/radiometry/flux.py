@@ -16,7 +16,7 @@ from polywigner.radiometry.directions import (
     PlaneSource,
     checked_bandwidth,
     checked_directions,
-    checked_positions,
+    checked_plane_positions,
     checked_radiator,
     directions_and_weights,
     largest_lag,
@@ -93,7 +93,7 @@ def radiance(
     radiator = checked_radiator(source, partly=True)
     length = checked_wavelength(wavelength)
     nu = checked_directions(direction)[..., :2] / length
-    result = wigner(radiator, checked_positions(x), nu, precision=precision, engine=engine)
+    result = wigner(radiator, checked_plane_positions(x), nu, precision=precision, engine=engine)
     return result / result.dtype.type(length**2)
 
 
@@ -154,6 +154,7 @@ def radiant_intensity(
         return np.asarray(total)[()]
 
     def squared_spectrum(source: PlaneSource | Wavefront, nu: NDArray[np.float64]) -> Any:
+        """Return |F|^2/wavelength^2 at frequencies."""
         return np.square(np.abs(fourier(source, nu, precision=precision, engine=engine)) / length)
 
     nu = directions[..., :2] / length
@@ -218,10 +219,10 @@ def flux_vector(
     """
     radiator = checked_radiator(source, partly=True)
     length = checked_wavelength(wavelength)
-    positions = checked_positions(x)
+    positions = checked_plane_positions(x)
     rows = positions.reshape(-1, 1, 2)
     total = np.zeros((len(rows), 3))
-    for directions, solid_angle in directions_and_weights(largest_lag(radiator), length, len(rows)):
+    for directions, solid_angle in directions_and_weights(largest_lag(radiator), length):
         weighted = directions * solid_angle[:, None]
         size = max(1, _BLOCK // len(directions))
         for first in range(0, len(rows), size):

@@ -29,7 +29,7 @@ from polywigner.geometry.parts import polygons_in
 from polywigner.numerics import Complex, Floats, Indices
 from polywigner.numerics.chirps import waves_of_cycles
 from polywigner.numerics.nodes import NODES_PER_CYCLE, areas, gauss_rule, triangles_of
-from polywigner.radiometry.directions import steepest
+from polywigner.radiometry.directions import largest_transverse_cosine
 from polywigner.source.normal_form import normal_form
 
 # Area below which a clipped part counts as a rounding error, relative to the clipping box.
@@ -55,7 +55,7 @@ class Cells:
         self._source = normal_form(source).in_plane
         self.centre = np.reshape(self._source.bounds, (2, 2)).mean(axis=0)
         self.wavelength = wavelength
-        self.highest_frequency = steepest(source, wavelength)
+        self.highest_frequency = largest_transverse_cosine(source, wavelength)
         """Highest spatial frequency of the field, in cycles per wavelength."""
         self.low, self.high = np.empty((0, 2)), np.empty((0, 2))
         self._parts: list[tuple[NDArray[np.object_], Indices]] = []

@@ -22,6 +22,7 @@ from polywigner.geometry.arguments import (
 from polywigner.geometry.illumination import Illumination
 from polywigner.geometry.parts import shifted, union_on_grid
 from polywigner.geometry.wavefront import TakesWaves, Wavefront
+from polywigner.numerics.chirps import waves_of_cycles
 from polywigner.source.lattices import checked_sites, checked_weights, joint_bounds
 
 Element = Aperture | PlacedAperture | Polyhedron | Slits
@@ -33,6 +34,7 @@ _IN_PLANE = 1e-12
 
 
 def _checked_elements(elements: Any) -> tuple[Element, ...]:
+    """Return elements as a tuple; raise ArgumentError for invalid types or mixed dimensions."""
     expected = "expected a sequence of elements (Aperture, placed aperture, Polyhedron, Slits)"
     items = tuple(elements) if isinstance(elements, Iterable) else ()
     if not items:
@@ -129,7 +131,7 @@ def _with_phases(array: Array, cycles: NDArray[np.float64], slopes: NDArray[np.f
     """Return an array whose element k is multiplied by exp(2 pi i (cycles_k + slopes_k.x))."""
     pairs = zip(array.elements, slopes, strict=True)
     elements = [_tilted(element, slope) for element, slope in pairs]
-    return Array(elements, array.weights * np.exp(2j * np.pi * (cycles - np.round(cycles))))
+    return Array(elements, array.weights * waves_of_cycles(cycles))
 
 
 def _tilted(element: _E, kappa: NDArray[np.float64]) -> _E:
@@ -284,6 +286,7 @@ class Array(TakesWaves):
 
     @cached_property
     def _key(self) -> tuple[Any, ...]:
+        """Values by which arrays are compared: elements, weights and positions."""
         if self.repeated is None:
             design = None if self.paths is None else self.paths.wavelength
             return self.elements, self.weights.tobytes(), design
@@ -382,11 +385,11 @@ def warn_of_overlaps(array: Array) -> None:
         # Elements with different poses have no common plane.
         except GeometryError:
             return
-        outlines = np.array([_outline(element) for element in elements], object)
+        outlines = np.array([_as_polygons(element) for element in elements], object)
     else:
         element, positions = array.repeated
         shifts = np.pad(positions, ((0, 0), (0, 2 - array.dimension)))
-        outlines = shifted(np.full(len(array), _outline(element), object), shifts)
+        outlines = shifted(np.full(len(array), _as_polygons(element), object), shifts)
     bounds = shapely.bounds(outlines)
     margins = np.tile(_TOUCHING * (bounds[:, 2:] - bounds[:, :2]), 2) * (1, 1, -1, -1)
     boxes = shapely.box(*(bounds + margins).T)
@@ -407,7 +410,8 @@ def warn_of_overlaps(array: Array) -> None:
             return
 
 
-def _outline(element: Aperture | Slits) -> shapely.MultiPolygon | shapely.Polygon:
+def _as_polygons(element: Aperture | Slits) -> shapely.MultiPolygon | shapely.Polygon:
+    """Return the polygons of an aperture, or of slits as rectangles of unit height."""
     if isinstance(element, Aperture):
         return element.polygons
     begin, end = element.intervals.T

@@ -24,7 +24,7 @@ from polywigner.geometry.arguments import (
 )
 from polywigner.geometry.io.limits import bytes_of, text_of
 from polywigner.geometry.io.readers import table_rows
-from polywigner.numerics import Floats
+from polywigner.numerics import Complex, Floats, cluster_indices
 from polywigner.quantities import parse_unit
 from polywigner.source.array import Array, repeated_element, warn_of_overlaps
 from polywigner.source.lattices import checked_positions, checked_weights
@@ -72,7 +72,7 @@ def grid_positions(nx: int, ny: int, pitch_x: float, pitch_y: float | None = Non
     ArgumentError
         If a count is below 1, a pitch is not above zero, or there are more than 2^20 elements.
     """
-    return _rows(nx, ny, pitch_x, pitch_y, 1.0, False)
+    return _lattice_positions(nx, ny, pitch_x, pitch_y, 1.0, False)
 
 
 def triangular_positions(nx: int, ny: int, pitch_x: float, pitch_y: float | None = None) -> Floats:
@@ -100,20 +100,23 @@ def triangular_positions(nx: int, ny: int, pitch_x: float, pitch_y: float | None
     ArgumentError
         For the same arguments as in :func:`grid_positions`.
     """
-    return _rows(nx, ny, pitch_x, pitch_y, math.sqrt(0.75), True)
+    return _lattice_positions(nx, ny, pitch_x, pitch_y, math.sqrt(0.75), True)
 
 
-def _rows(
+def _lattice_positions(
     nx: int, ny: int, pitch_x: float, pitch_y: float | None, stretch: float, is_staggered: bool
 ) -> Floats:
-    """Return the rows of a lattice; `stretch`: default pitch_y as a multiple of pitch_x."""
+    """Return the positions (nx ny, 2) in m of a rectangular lattice, or of one with staggered rows.
+
+    ``stretch``: default of ``pitch_y``, as a multiple of ``pitch_x``.
+    """
     columns, rows = checked_count(nx, "nx", 1), checked_count(ny, "ny", 1)
-    _check_number(columns * rows)
+    _check_element_count(columns * rows)
     across = checked_length(pitch_x, "pitch_x")
     up = across * stretch if pitch_y is None else checked_length(pitch_y, "pitch_y")
     side = 2 * (np.arange(rows) % 2) - 1 if is_staggered and rows > 1 else np.zeros(rows, np.int64)
-    along_x = (2 * _steps(columns)[:, None] + side) * (across / 4)
-    along_y = np.broadcast_to(_steps(rows) * (up / 2), along_x.shape)
+    along_x = (2 * _centred_steps(columns)[:, None] + side) * (across / 4)
+    along_y = np.broadcast_to(_centred_steps(rows) * (up / 2), along_x.shape)
     return np.stack([along_x, along_y], axis=-1).reshape(-1, 2)
 
 
@@ -138,13 +141,13 @@ def ring_positions(radii: ArrayLike, counts: ArrayLike) -> Floats:
         If a radius is below zero, a count is below 1, several elements are at the centre, the
         numbers of counts and radii differ, or there are more than 2^20 elements.
     """
-    sizes = [checked_length(r, "each of the radii", zero=True) for r in _listed(radii)]
-    numbers = [checked_count(n, "each of the counts", 1, MOST_ELEMENTS) for n in _listed(counts)]
+    sizes = [checked_length(r, "each of the radii", zero=True) for r in _as_list(radii)]
+    numbers = [checked_count(n, "each of the counts", 1, MOST_ELEMENTS) for n in _as_list(counts)]
     if len(sizes) != len(numbers) or not sizes:
         raise ArgumentError(
             f"expected as many radii as counts, got {len(sizes)} radii and {len(numbers)} counts"
         )
-    _check_number(sum(numbers))
+    _check_element_count(sum(numbers))
     if any(size == 0 and number > 1 for size, number in zip(sizes, numbers, strict=True)):
         raise ArgumentError(
             "expected at most one element at radius 0, got several; use the count 1"
@@ -211,17 +214,19 @@ def thinned(positions: ArrayLike, fill: float, seed: int, taper: ArrayLike | Non
     return layout[is_drawn]
 
 
-def _listed(values: Any) -> list[Any]:
+def _as_list(values: Any) -> list[Any]:
+    """Return a list of the values, or of the only value."""
     return list(values) if np.iterable(values) else [values]
 
 
-def _check_number(elements: int) -> None:
+def _check_element_count(elements: int) -> None:
+    """Raise ArgumentError for more than 2^20 elements."""
     if elements > MOST_ELEMENTS:
         raise ArgumentError(f"expected at most {MOST_ELEMENTS} elements, got {elements}")
 
 
-def _steps(count: int) -> NDArray[np.int64]:
-    """Return -(n - 1), -(n - 3), ..., n - 1."""
+def _centred_steps(count: int) -> NDArray[np.int64]:
+    """Return the positions -(n - 1), -(n - 3), ..., n - 1 of n elements, in half pitches."""
     return 2 * np.arange(count) - (count - 1)
 
 
@@ -234,7 +239,7 @@ def virtual_array(
     receive: ArrayLike,
     transmit_weights: ArrayLike | None = None,
     receive_weights: ArrayLike | None = None,
-) -> tuple[Floats, NDArray[np.complex128]]:
+) -> tuple[Floats, Complex]:
     """Return positions and weights of the virtual array of a transmitter and a receiver.
 
     Far from a radar, the path from transmitting element j to receiving element k is equivalent to
@@ -276,20 +281,15 @@ def virtual_array(
             "expected transmit and receive positions with the same number of components, got "
             f"{sent.shape[1]} and {received.shape[1]}"
         )
-    _check_number(len(sent) * len(received))
+    _check_element_count(len(sent) * len(received))
     v = checked_weights(transmit_weights, len(sent))
     w = checked_weights(receive_weights, len(received))
     positions = (sent[:, None] + received).reshape(-1, sent.shape[1])
     near = _EQUAL_POSITIONS * float(max(np.abs(sent).max(), np.abs(received).max()))
-    order = np.argsort(positions, axis=0, kind="stable")
-    ranks = np.empty_like(order)
-    # Coordinates that are equal up to rounding get equal ranks.
-    for axis, along in enumerate(order.T):
-        steps = np.diff(positions[along, axis]) > near
-        ranks[along, axis] = np.concatenate([[0], np.cumsum(steps)])
-    _, first, which = np.unique(ranks, axis=0, return_index=True, return_inverse=True)
+    cluster = cluster_indices(positions, near)
+    _, first = np.unique(cluster, return_index=True)
     weights = np.zeros(len(first), np.complex128)
-    np.add.at(weights, which.reshape(-1), np.multiply.outer(v, w).ravel())
+    np.add.at(weights, cluster, np.multiply.outer(v, w).ravel())
     return positions[first] + 0.0, weights
 
 
@@ -298,9 +298,7 @@ WINDOWS = ("uniform", "taylor", "chebyshev", "hamming")
 
 
 @takes_frequency
-def steering_weights(
-    positions: ArrayLike, direction: ArrayLike, wavelength: float
-) -> NDArray[np.complex128]:
+def steering_weights(positions: ArrayLike, direction: ArrayLike, wavelength: float) -> Complex:
     """Return weights (n,) that steer an array: w_k = exp(2 pi i s.x_k/wavelength).
 
     The array factor peaks towards `direction`. The fields of the elements do not change; see
@@ -338,9 +336,7 @@ def steering_weights(
 
 
 @takes_frequency
-def focusing_weights(
-    positions: ArrayLike, point: ArrayLike, wavelength: float
-) -> NDArray[np.complex128]:
+def focusing_weights(positions: ArrayLike, point: ArrayLike, wavelength: float) -> Complex:
     """Return weights (n,) that focus an array: w_k = exp(-2 pi i (R_k - R)/wavelength).
 
     R_k and R are the distances of the point from element k and from the origin. The waves
@@ -382,7 +378,7 @@ def focusing_weights(
 
 def window_weights(
     shape: int | Sequence[int], window: str | Sequence[str], sll: float = 30.0, nbar: int = 4
-) -> NDArray[np.float64]:
+) -> Floats:
     """Return real amplitudes of a taper over a row or a grid of elements, with a maximum of 1.
 
     Parameters
@@ -422,14 +418,15 @@ def window_weights(
             f"{value_text(window)}"
         )
     decibels, zeros = checked_sidelobes(sll, nbar)
-    _check_number(math.prod(checked_count(n, "shape", 1) for n in sizes))
+    _check_element_count(math.prod(checked_count(n, "shape", 1) for n in sizes))
     along = [_window(n, name, decibels, zeros) for n, name in zip(sizes, names, strict=True)]
     weights = along[0] if len(along) == 1 else np.multiply.outer(*along).ravel()
     # For a small sll (1 dB), the Taylor weight of largest magnitude may be negative.
     return np.asarray(weights / weights[np.abs(weights).argmax()])
 
 
-def _window(count: int, name: str, sll: float, nbar: int) -> NDArray[np.float64]:
+def _window(count: int, name: str, sll: float, nbar: int) -> Floats:
+    """Return the amplitudes (count,) of a window, with the sidelobe suppression ``sll`` in dB."""
     checked_choice(name, "window", WINDOWS)
     if name == "uniform" or count == 1:
         return np.ones(count)
@@ -502,7 +499,7 @@ def read_elements(
         raise ArgumentError(f"expected an Aperture as the element, got {type(element).__name__}")
     file, metres = checked_path(path), parse_unit(unit)
     with at_key(str(file)):
-        table = _columns(text_of(bytes_of(file)))
+        table = _table_columns(text_of(bytes_of(file)))
         zero = np.zeros(len(table["x"]))
         if not {"amplitude", "re", "im"} & set(table):
             table["amplitude"] = zero + 1
@@ -519,8 +516,8 @@ def read_elements(
     return array
 
 
-def _columns(text: str) -> dict[str, NDArray[np.float64]]:
-    """Return the columns of a table by name; by default, the names are x and y."""
+def _table_columns(text: str) -> dict[str, Floats]:
+    """Return the columns of a text table by name. Without a line of names, these are x and y."""
     rows = table_rows(text)
     names = [name.lower() for name in rows[0][1]] if rows else []
     has_names = len(names) != 2 or set(names) & set(_COLUMNS)

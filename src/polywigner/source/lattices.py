@@ -8,10 +8,10 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polywigner.errors import IlluminationError, value_text
 from polywigner.geometry.arguments import Immutable, complex_array, finite_array
+from polywigner.numerics import Complex, Floats, Indices
 
 # Largest distance of positions from lattice sites, as a fraction of the extent of the array.
 _ROUNDING = 4e-15
@@ -32,7 +32,7 @@ class Lattice:
     origin: tuple[float, float]
     basis: tuple[tuple[float, float], tuple[float, float]]
     """Basis vectors b1 and b2 of the lattice in m."""
-    weights: NDArray[np.complex128]
+    weights: Complex
     """Weights of the sites, shape (n1, n2); 0 for sites without an element."""
     centre: tuple[tuple[float, float], tuple[float, float]]
     """Centre of the sites, x and y, each as a sum of two floats."""
@@ -40,14 +40,14 @@ class Lattice:
     """Largest distance of a position from its site along x or y, as a fraction of the extent."""
 
 
-def lattice_of(positions: NDArray[np.float64], weights: NDArray[np.complex128]) -> Lattice | None:
+def lattice_of(positions: Floats, weights: Complex) -> Lattice | None:
     """Return the lattice of positions (n, 2); None if there is no lattice or it is nearly empty."""
     if positions.shape[1] != 2 or len(positions) < 2:
         return None
     extent = float(np.ptp(positions, axis=0).max())
     if extent == 0.0:
         return None
-    basis = _basis(positions, extent)
+    basis = _basis_vectors(positions, extent)
     if basis is None:
         return None
     offsets = positions - positions[0]
@@ -77,20 +77,22 @@ def lattice_of(positions: NDArray[np.float64], weights: NDArray[np.complex128]) 
     )
 
 
-def _basis(positions: NDArray[np.float64], extent: float) -> NDArray[np.float64] | None:
-    first = _shortest(positions, extent, None)
+def _basis_vectors(positions: Floats, extent: float) -> Floats | None:
+    """Return two basis vectors of the lattice of positions (n, 2) as rows, shape (2, 2)."""
+    first = _shortest_difference(positions, extent, None)
     if first is None:
         return None
-    second = _shortest(positions, extent, first)
+    second = _shortest_difference(positions, extent, first)
     if second is None:
         second = np.array([-first[1], first[0]])
-    return _refined(np.stack([first, second]), positions)
+    return _fitted_basis(np.stack([first, second]), positions)
 
 
-def _shortest(
-    positions: NDArray[np.float64], extent: float, other: NDArray[np.float64] | None
-) -> NDArray[np.float64] | None:
-    """Return the shortest vector between positions, not parallel to ``other``, towards +x or +y."""
+def _shortest_difference(positions: Floats, extent: float, other: Floats | None) -> Floats | None:
+    """Return the shortest difference of two positions that is not parallel to ``other``.
+
+    The x component of the vector is positive, or zero with a positive y component.
+    """
     best, length = None, np.inf
     # Equally spaced indices, because positions are usually ordered by rows.
     paired = np.linspace(0, len(positions) - 1, min(len(positions), _PAIRED_WITH_ALL))
@@ -111,7 +113,8 @@ def _shortest(
     return -best if backwards else best
 
 
-def _refined(basis: NDArray[np.float64], positions: NDArray[np.float64]) -> NDArray[np.float64]:
+def _fitted_basis(basis: Floats, positions: Floats) -> Floats:
+    """Improve approximate basis vectors (2, 2) by a least-squares fit to all positions (n, 2)."""
     steps = np.rint(np.linalg.solve(basis.T, (positions - positions[0]).T).T)
     if np.linalg.matrix_rank(steps - steps.mean(axis=0)) < 2:
         used = int(np.argmax(np.ptp(steps, axis=0)))
@@ -145,18 +148,17 @@ class Profile:
 
     @property
     def is_uniform(self) -> bool:
+        """Whether all amplitudes are 1."""
         return all(amplitude == 1.0 for amplitude in self.amplitudes)
 
 
-def separated(weights: NDArray[np.complex128]) -> tuple[Profile, Profile] | None:
+def separated(weights: Complex) -> tuple[Profile, Profile] | None:
     """Return two profiles whose product is the weights (n1, n2), or None if inseparable."""
     factors = column_and_row(weights)
-    return None if factors is None else (_profile(factors[0]), _profile(factors[1]))
+    return None if factors is None else (_profile_of(factors[0]), _profile_of(factors[1]))
 
 
-def column_and_row(
-    weights: NDArray[np.complex128], tolerance: float = _EQUAL
-) -> tuple[NDArray[np.complex128], NDArray[np.complex128]] | None:
+def column_and_row(weights: Complex, tolerance: float = _EQUAL) -> tuple[Complex, Complex] | None:
     """Return factors (n1,) and (n2,) of weights (n1, n2); None if they are not a product."""
     i, j = np.unravel_index(int(np.argmax(np.abs(weights))), weights.shape)
     row, column = weights[i, :], weights[:, j] / weights[i, j]
@@ -165,7 +167,8 @@ def column_and_row(
     return column, row
 
 
-def _profile(values: NDArray[np.complex128]) -> Profile:
+def _profile_of(values: Complex) -> Profile:
+    """Return weights (n,) along one direction as a profile: amplitudes, linear phase and factor."""
     size = np.abs(values)
     active = np.flatnonzero(size > _EQUAL * size.max())
     cycles = _linear_phase(values, active)
@@ -180,8 +183,11 @@ def _profile(values: NDArray[np.complex128]) -> Profile:
     return Profile(tuple(values.tolist()), 0.0, 1.0)
 
 
-def _linear_phase(values: NDArray[np.complex128], active: NDArray[np.intp]) -> float:
-    """Return the slope of the phase in cycles per element, for values of either sign."""
+def _linear_phase(values: Complex, active: Indices) -> float:
+    """Return the slope in cycles per element of the phase of values, which may change sign.
+
+    ``active`` contains the indices of the values that are not zero.
+    """
     neighbours = active[:-1][np.diff(active) == 1]
     if not len(neighbours):
         return 0.0
@@ -198,18 +204,20 @@ def _linear_phase(values: NDArray[np.complex128], active: NDArray[np.intp]) -> f
 class Sites(Immutable):
     """Positions (n, d) and complex weights (n,) that are compared by content."""
 
-    positions: NDArray[np.float64]
-    weights: NDArray[np.complex128]
+    positions: Floats
+    weights: Complex
 
-    def __init__(self, positions: NDArray[np.float64], weights: NDArray[np.complex128]) -> None:
+    def __init__(self, positions: Floats, weights: Complex) -> None:
         self._set(positions=positions, weights=weights)
 
     @cached_property
     def _key(self) -> tuple[Any, ...]:
+        """Values by which sites are compared."""
         return self.positions.shape, self.positions.tobytes(), self.weights.tobytes()
 
     @property
     def dimension(self) -> int:
+        """Number of components of a position."""
         return int(self.positions.shape[1])
 
     @cached_property
@@ -219,16 +227,19 @@ class Sites(Immutable):
 
 
 def joint_bounds(
-    boxes: Sequence[tuple[float, ...]], positions: NDArray[np.float64] | None = None
+    boxes: Sequence[tuple[float, ...]], positions: Floats | None = None
 ) -> tuple[float, ...]:
-    """Return the bounds of boxes (lower, upper corner), or of their copies at positions (n, d)."""
+    """Return the common bounds (lower corner, upper corner) of boxes given in the same form.
+
+    If ``positions`` (n, d) are specified, the boxes are copied to each position.
+    """
     low, high = np.split(np.array(boxes), 2, axis=1)
     shifts = np.zeros((1, low.shape[1])) if positions is None else positions
     lower, upper = low.min(axis=0) + shifts.min(axis=0), high.max(axis=0) + shifts.max(axis=0)
     return (*lower.tolist(), *upper.tolist())
 
 
-def checked_positions(positions: Any, components: tuple[int, ...]) -> NDArray[np.float64]:
+def checked_positions(positions: Any, components: tuple[int, ...]) -> Floats:
     """Return finite positions (n, d) with d in `components`; (n,) counts as (n, 1)."""
     expected = f"expected finite positions of shape {' or '.join(f'(n, {c})' for c in components)}"
     shapes: list[tuple[int | None, ...]] = [(None, c) for c in components]
@@ -239,14 +250,14 @@ def checked_positions(positions: Any, components: tuple[int, ...]) -> NDArray[np
 
 def checked_sites(
     positions: Any, weights: Any, dimension: int | None = None
-) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
-    """Return read-only positions (n, d) and weights (n,); by default, d is at most 3."""
+) -> tuple[Floats, Complex]:
+    """Return read-only positions (n, d) and weights (n,). ``dimension`` is d, by default any."""
     positions = checked_positions(positions, (1, 2, 3) if dimension is None else (dimension,)) + 0.0
     positions.setflags(write=False)
     return positions, checked_weights(weights, len(positions))
 
 
-def checked_weights(weights: Any, count: int) -> NDArray[np.complex128]:
+def checked_weights(weights: Any, count: int) -> Complex:
     """Return read-only complex weights (n,); None stands for weights of 1."""
     expected = f"expected complex weights, one for each of the {count} elements"
     values = np.ones(count) if weights is None else weights

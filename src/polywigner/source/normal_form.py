@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, final
+from typing import Any, NamedTuple, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -114,19 +114,13 @@ class RepeatedElement:
         return lattice_of(self.positions, self.weights)
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class WaveGroup:
+class WaveGroup(NamedTuple):
     """Elements with proportional waves."""
 
-    amplitudes: Complex
-    """Amplitudes of the waves of the first element, shape (m,)."""
-    frequencies: Floats
-    """Frequencies of the waves in 1/m, shape (m, d)."""
-    members: NDArray[np.intp]
-    """Indices of the elements, shape (k,)."""
-    factors: Complex
-    """Ratio of the amplitudes of each element to ``amplitudes``, shape (k,)."""
+    members: list[int]
+    """Indices of the elements."""
+    factors: list[complex]
+    """Ratio of the wave amplitudes of each element to those of the first element."""
 
 
 @final
@@ -150,7 +144,7 @@ class Source:
     """Phases of the elements that are due to path lengths; None if there are none."""
 
     def with_elements(self, elements: Sequence[SourceElement], **changes: Any) -> Source:
-        """Return a source with other elements."""
+        """Return a source with other elements, and with ``changes`` of its other fields."""
         return replace(self, content=tuple(elements), **changes)
 
     @property
@@ -190,7 +184,7 @@ class Source:
         if self.repeated is not None or len(self) < _LEAST_COPIES:
             return self.repeated
         try:
-            return _copies(self.in_plane.elements)
+            return _as_copies(self.in_plane.elements)
         except GeometryError:
             return None
 
@@ -213,19 +207,19 @@ class Source:
     def groups(self) -> tuple[WaveGroup, ...]:
         """Groups of elements with proportional waves."""
         if self.repeated is not None and self.repeated.element.is_uniform:
-            element, count = self.repeated.element, len(self)
-            return (_group(element, range(count), [1.0] * count),)
-        groups: list[tuple[SourceElement, list[int], list[complex]]] = []
+            return (WaveGroup(list(range(len(self))), [1.0] * len(self)),)
+        groups: list[WaveGroup] = []
         for number, element in enumerate(self.elements):
-            for first, members, factors in groups:
+            for group in groups:
+                first = self.elements[group.members[0]]
                 factor = _common_factor(element, first.frequencies, first.amplitudes)
                 if factor is not None:
-                    members.append(number)
-                    factors.append(factor)
+                    group.members.append(number)
+                    group.factors.append(factor)
                     break
             else:
-                groups.append((element, [number], [1.0]))
-        return tuple(_group(*group) for group in groups)
+                groups.append(WaveGroup([number], [1.0]))
+        return tuple(groups)
 
     @cached_property
     def rings(self) -> tuple[Floats, ...]:
@@ -253,7 +247,7 @@ class Source:
         flat = [
             element
             if element.pose is None
-            else _element(
+            else _element_of(
                 aperture_in_plane(k, PlacedAperture(element.shape, element.pose)), element.weight
             )
             for k, element in enumerate(self.elements)
@@ -347,6 +341,7 @@ def normal_form(public: PublicSource | Source) -> Source:
 
 
 def _converted(public: PublicSource) -> Source:
+    """Return the normal form of a public source without reading or writing the cache."""
     if isinstance(public, Wavefront):
         return replace(
             normal_form(public.source),
@@ -356,17 +351,18 @@ def _converted(public: PublicSource) -> Source:
             wavelength=public.wavelength,
         )
     if not isinstance(public, Array):
-        return coherent_form([_element(public, 1.0)], 1 if isinstance(public, Slits) else 2)
+        return coherent_form([_element_of(public, 1.0)], 1 if isinstance(public, Slits) else 2)
     dimension = 1 if public.dimension == 1 else 2
     if public.repeated is not None:
         element, positions = public.repeated
-        copies = RepeatedElement(_element(element, 1.0), positions, public.weights)
+        copies = RepeatedElement(_element_of(element, 1.0), positions, public.weights)
         return coherent_form(copies, dimension)
     pairs = zip(public.elements, public.weights.tolist(), strict=True)
-    return coherent_form([_element(e, w) for e, w in pairs], dimension, public.paths)
+    return coherent_form([_element_of(e, w) for e, w in pairs], dimension, public.paths)
 
 
-def _element(public: Any, weight: complex) -> SourceElement:
+def _element_of(public: Any, weight: complex) -> SourceElement:
+    """Convert a public aperture, placed aperture or slits to an element with a weight."""
     pose = None
     if isinstance(public, PlacedAperture):
         public, pose = public.aperture, public.pose
@@ -381,7 +377,8 @@ def _element(public: Any, weight: complex) -> SourceElement:
     return SourceElement(outline, weight, field.amplitudes, field.frequencies, pose)
 
 
-def _copies(elements: Sequence[SourceElement]) -> RepeatedElement | None:
+def _as_copies(elements: Sequence[SourceElement]) -> RepeatedElement | None:
+    """Return elements as shifted copies of the first one; None if they are not copies."""
     first = elements[0]
     if not isinstance(first.outline, Aperture):
         return None
@@ -409,18 +406,12 @@ def _common_factor(
     amplitudes: Complex,
     tolerance: float = _PROPORTIONAL,
 ) -> complex | None:
-    """Return the factor between two sets of waves; None if they are not proportional."""
+    """Return the ratio of the amplitudes of an element's waves to ``amplitudes``.
+
+    The result is None if the frequencies differ, or the amplitudes are not proportional.
+    """
     if not np.array_equal(element.frequencies, frequencies):
         return None
     factor = complex(element.amplitudes[0] / amplitudes[0])
     error = np.abs(element.amplitudes - factor * amplitudes).max()
     return factor if error <= tolerance * np.abs(element.amplitudes).max() else None
-
-
-def _group(first: SourceElement, members: Sequence[int], factors: Sequence[complex]) -> WaveGroup:
-    return WaveGroup(
-        first.amplitudes,
-        first.frequencies,
-        np.array(members, np.intp),
-        np.array(factors, np.complex128),
-    )

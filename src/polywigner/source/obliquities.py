@@ -52,6 +52,7 @@ def times_direction_cosine(
     length, form = checked_length(wavelength, "wavelength"), normal_form(source)
 
     def scaled(element: SourceElement) -> SourceElement:
+        """Return an element with the amplitude of each wave multiplied by p_m + constant."""
         factors = direction_cosines(element.frequencies, length) + constant
         amplitudes = factors * element.amplitudes
         # Scaling the weight keeps a uniform element uniform, so that faster kernels are used.
@@ -106,7 +107,7 @@ class Forms(NamedTuple):
         )
 
     def at_lags(self, q: Floats) -> Floats:
-        """Return the transform of h over the hemisphere, at lags q/(2 pi) in wavelengths."""
+        """Return the integral of g exp(i q s_x) over the directions s of a hemisphere, (n,)."""
         total = self.square * (np.sin(q) / q - np.cos(q)) / q**2 + self.constant * np.sin(q) / q
         if self.linear:
             count = int(np.ceil(q.max())) + 40
@@ -145,7 +146,10 @@ class Obliquity:
         return self.slope - self.field
 
     def amplitude(self, cosine: Any, p: Any = 1.0) -> Any:
-        """Return the field's factor at a cosine to the normal, for waves of direction cosine p."""
+        """Return the factor of the field at a cosine of the angle to the normal.
+
+        ``p`` is the direction cosine of the wave in the aperture, (D1).
+        """
         if not self.is_boundary_condition:
             return np.sqrt(cosine)
         return self.field * cosine + self.slope * p
@@ -162,13 +166,13 @@ class Obliquity:
         if not b or float(np.abs(p - p[0]).max()) <= _SAME_COSINE:
             # Python floats, because a NumPy scalar times a Dr.Jit array is a NumPy array.
             return [(source, Forms(a * a, float(2 * mixed * p[0].real), float(abs(b * p[0]) ** 2)))]
-        turned = times_direction_cosine(source, wavelength)
+        weighted = times_direction_cosine(source, wavelength)
         if not a:
-            return [(turned, Forms(0.0, 0.0, b * b))]
+            return [(weighted, Forms(0.0, 0.0, b * b))]
         # p_m + p_n* = (1 + p_m)(1 + p_n*) - 1 - p_m p_n*
         return [
             (source, Forms(a * a, -mixed, 0.0)),
-            (turned, Forms(0.0, -mixed, b * b)),
+            (weighted, Forms(0.0, -mixed, b * b)),
             (times_direction_cosine(source, wavelength, 1.0), Forms(0.0, mixed, 0.0)),
         ]
 

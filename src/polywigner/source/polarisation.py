@@ -62,14 +62,14 @@ def checked_polarisation(polarisation: Any, source: Any = None) -> Complex:
     array([0.707+0.j   , 0.   +0.707j])
     """
     if isinstance(polarisation, str):
-        return _of_text(polarisation)
-    count = _count(source)
+        return _vector_of_text(polarisation)
+    count = _element_count(source)
     if isinstance(polarisation, (list, tuple)) and any(isinstance(p, str) for p in polarisation):
         if count and len(polarisation) == count:
             return np.array([checked_polarisation(p) for p in polarisation])
         raise _error(polarisation, count)
     shapes = [(2,), (count, 2)] if count else [(2,)]
-    vectors = complex_array(polarisation, _expected(count), *shapes)
+    vectors = complex_array(polarisation, _expected_text(count), *shapes)
     size = np.abs(vectors).max(axis=-1, keepdims=True)
     if not (size >= np.finfo(np.float64).tiny).all():
         raise _error(polarisation, count)
@@ -91,12 +91,13 @@ def checked_pair(polarisation: Any, first: Any, second: Any) -> tuple[Complex, C
     return checked_polarisation(pair[0], first), checked_polarisation(pair[1], second)
 
 
-def _count(source: Any) -> int:
+def _element_count(source: Any) -> int:
     """Return the number of elements of an array; 0 for other sources."""
     return len(getattr(getattr(source, "source", source), "weights", ()))
 
 
-def _of_text(text: str) -> Complex:
+def _vector_of_text(text: str) -> Complex:
+    """Return the Jones vector (2,) of a name such as "x", or of a slant such as "45 deg"."""
     name = text.strip().lower()
     if name in _NAMED:
         return np.array(_NAMED[name], np.complex128)
@@ -107,13 +108,15 @@ def _of_text(text: str) -> Complex:
     return np.array([math.cos(angle), math.sin(angle)], np.complex128)
 
 
-def _expected(count: int) -> str:
+def _expected_text(count: int) -> str:
+    """Return the description of valid polarisations for error messages."""
     elements = f", or a list with one of these for each of the {count} elements" if count else ""
     return f"{_EXPECTED}{elements}"
 
 
 def _error(value: Any, count: int) -> ArgumentError:
-    return ArgumentError(f"{_expected(count)}, got {value_text(value)}")
+    """Return the error for an invalid polarisation of a source with ``count`` elements."""
+    return ArgumentError(f"{_expected_text(count)}, got {value_text(value)}")
 
 
 def components(source: Any, polarisation: Complex) -> list[tuple[Any, Complex]]:
@@ -238,18 +241,18 @@ def polarisation_of_text(text: str, source: Any) -> Complex:
     array([0.707+0.j   , 0.   +0.707j])
     """
     parts = [part for part in text.split(";") if part.strip()]
-    vectors = [checked_polarisation(_numbers(part)) for part in parts]
+    vectors = [checked_polarisation(_complex_numbers(part)) for part in parts]
     if len(vectors) == 1:
         return vectors[0]
-    if not vectors or len(vectors) != _count(source):
-        raise _error(text, _count(source))
+    if not vectors or len(vectors) != _element_count(source):
+        raise _error(text, _element_count(source))
     jones = np.array(vectors)
     same = np.abs(jones - jones[0]).max() <= _ROUNDING
     return jones[0] if same else jones
 
 
-def _numbers(text: str) -> str | list[complex]:
-    """Split text at commas into complex numbers; other text is unchanged."""
+def _complex_numbers(text: str) -> str | list[complex]:
+    """Split text such as "1, 0.5j" into complex numbers; return other text unchanged."""
     if "," not in text:
         return text
     try:

@@ -80,8 +80,8 @@ class Context(NamedTuple):
         )
 
 
-def _origin(table: Table, *origins: str) -> str:
-    """Return the only key of ``origins`` in a table; raise FileFormatError if there is not one."""
+def _only_key(table: Table, *origins: str) -> str:
+    """Return the one key of ``origins`` that a table contains, or raise FileFormatError."""
     present = [key for key in origins if getattr(table, key) is not None]
     if len(present) != 1:
         got = " and ".join(present) or "none"
@@ -99,6 +99,7 @@ class _Illuminated(Kind):
     illumination: FieldTable | NonEmpty[FieldTable] | None = None  # type: ignore[valid-type]
 
     def illuminated(self, outline: Any, kind: type, context: Context) -> Any:
+        """Return an outline of type ``kind`` with the field of this table, or raise an error."""
         got = type(outline).__name__
         if got != kind.__name__:
             raise FileFormatError(f"shape: expected a shape of type {kind.__name__}, got {got}")
@@ -119,12 +120,13 @@ class ApertureTable(_Illuminated, tag="aperture"):
     to_world: Coordinates | None = None
 
     def source(self, context: Context) -> Aperture | PlacedAperture:
-        with at_key(_origin(self, "file", "polygons", "shape")):
+        """Return the aperture of the table, with its field and its pose."""
+        with at_key(_only_key(self, "file", "polygons", "shape")):
             if self.file is not None:
                 path, unit = context.path(self.file), self.unit or "mm"
                 outline: Any = geometry.read_aperture(path, unit, None, self.layer, self.union)
             elif self.polygons is not None:
-                outline = _aperture(self.polygons)
+                outline = _aperture_of_polygons(self.polygons)
             else:
                 outline = called(self.shape)
         aperture: Aperture = self.illuminated(outline, Aperture, context)
@@ -141,13 +143,14 @@ class SlitsTable(_Illuminated, tag="slits"):
     intervals: Coordinates | None = None
 
     def source(self, context: Context) -> Slits:
-        with at_key(_origin(self, "intervals", "shape")):
+        """Return the slits of the table, with their field."""
+        with at_key(_only_key(self, "intervals", "shape")):
             outline = called(self.shape) if self.intervals is None else Slits(self.intervals)
         slits: Slits = self.illuminated(outline, Slits, context)
         return slits
 
 
-def _aperture(polygons: list[list[Any]]) -> Aperture:
+def _aperture_of_polygons(polygons: list[list[Any]]) -> Aperture:
     """Return an aperture made of polygons, with unchanged vertices if the polygons are valid."""
     parts = [
         tuple(oriented(np.array(ring), n == 0) for n, ring in enumerate(rings))
@@ -174,6 +177,7 @@ class ArrayTable(Kind, tag="array"):
     paths: Paths | None = None
 
     def source(self, context: Context) -> Array:
+        """Return the array of the table."""
         elements: list[Any] = []
         for k, table in enumerate(self.elements):
             with at_key(f"elements[{k}]"):
@@ -191,6 +195,7 @@ class PhasedArrayTable(Kind, tag="phased-array"):
     weights: dict[str, Any] | NonEmpty[Any] | None = None
 
     def source(self, context: Context) -> Array:
+        """Return the array of equal elements of the table."""
         with at_key("element"):
             element: Any = self.element.source(context)
         positions: Any = self.positions
@@ -374,7 +379,8 @@ def read_content(path: str | os.PathLike[str], allow_outside: bool = False) -> F
         return content_of(tables, file.parent, allow_outside)
 
 
-def _suffix_of(suffix: str) -> str:
+def _checked_suffix(suffix: str) -> str:
+    """Return the suffix .toml or .json in lower case; raise FileFormatError for other suffixes."""
     if suffix.lower() not in (".toml", ".json"):
         raise FileFormatError(
             "expected a source file with the suffix .toml or .json, got "
@@ -384,7 +390,8 @@ def _suffix_of(suffix: str) -> str:
 
 
 def _parsed(text: str, suffix: str) -> Any:
-    parse = json.loads if _suffix_of(suffix) == ".json" else tomllib.loads
+    """Return the content of a TOML or JSON text; raise FileFormatError if the text is invalid."""
+    parse = json.loads if _checked_suffix(suffix) == ".json" else tomllib.loads
     try:
         return parse(text)
     except (ValueError, RecursionError) as error:
@@ -392,9 +399,9 @@ def _parsed(text: str, suffix: str) -> Any:
 
 
 def table_of(source: Any) -> dict[str, Any]:
-    """Convert a source to tables, lists, strings and numbers."""
+    """Return the content of a source file for a source, made of dictionaries, lists and numbers."""
     if not isinstance(source, Wavefront):
-        return {"version": VERSION, **_table(source)}
+        return {"version": VERSION, **_flat_table(source)}
     wave = {"curvature": source.curvature.tolist(), "centre": source.centre.tolist()}
     if source.wavelength is not None:
         wave["wavelength"] = source.wavelength
@@ -403,11 +410,12 @@ def table_of(source: Any) -> dict[str, Any]:
     return {**table_of(source.source), "wavefront": wave}
 
 
-def _table(source: Any) -> dict[str, Any]:
+def _flat_table(source: Any) -> dict[str, Any]:
+    """Return the content of a source file for a source without a wavefront."""
     if isinstance(source, PlacedAperture):
-        return {**_table(source.aperture), "to_world": source.pose.tolist()}
+        return {**_flat_table(source.aperture), "to_world": source.pose.tolist()}
     if isinstance(source, Array):
-        return _array(source)
+        return _array_table(source)
     if isinstance(source, Slits):
         table = {"kind": "slits", "intervals": source.intervals.tolist()}
     elif isinstance(source, Aperture):
@@ -419,29 +427,30 @@ def _table(source: Any) -> dict[str, Any]:
             f"{type(source).__name__}"
         )
     if source.illumination is not None:
-        amplitudes = _pairs(source.illumination.amplitudes)
+        amplitudes = _listed_numbers(source.illumination.amplitudes)
         frequencies = source.illumination.frequencies.tolist()
         field = {"kind": "waves", "amplitudes": amplitudes, "frequencies": frequencies}
         table["illumination"] = field
     return table
 
 
-def _array(array: Array) -> dict[str, Any]:
-    weights = {} if (array.weights == 1).all() else {"weights": _pairs(array.weights)}
+def _array_table(array: Array) -> dict[str, Any]:
+    """Return the content of a source file for an array."""
+    weights = {} if (array.weights == 1).all() else {"weights": _listed_numbers(array.weights)}
     if array.repeated is not None:
         element, positions = array.repeated
         body = {"kind": "phased-array", "positions": positions.tolist(), **weights}
-        return {**body, "element": _table(element)}
+        return {**body, "element": _flat_table(element)}
     table: dict[str, Any] = {"kind": "array", **weights}
     if array.paths is not None:
         paths = array.paths
         cycles, slopes = paths.cycles.tolist(), paths.slopes.tolist()
         table["paths"] = {"wavelength": paths.wavelength, "cycles": cycles, "slopes": slopes}
-    return {**table, "elements": [_table(element) for element in array.elements]}
+    return {**table, "elements": [_flat_table(element) for element in array.elements]}
 
 
-def _pairs(values: NDArray[np.complex128]) -> list[Any]:
-    """Return the numbers if all are real, otherwise pairs [real, imaginary]."""
+def _listed_numbers(values: NDArray[np.complex128]) -> list[Any]:
+    """Return a list of real numbers, or of pairs [real, imaginary] if any number is complex."""
     if not values.imag.any():
         return values.real.tolist()
     return values.view(np.float64).reshape(*values.shape, 2).tolist()
@@ -509,5 +518,5 @@ def write_source(
         jones = checked_polarisation(polarisation, source)
         table["polarisation"] = jones.view(np.float64).reshape(*jones.shape, 2).tolist()
     with at_key(str(file)):
-        is_json = _suffix_of(file.suffix) == ".json"
+        is_json = _checked_suffix(file.suffix) == ".json"
     write_lines(file, [json.dumps(table) if is_json else _toml(table).rstrip("\n")])

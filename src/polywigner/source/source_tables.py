@@ -58,27 +58,29 @@ class Complex(complex):
     """A real number, or a pair [real, imaginary]."""
 
 
-def _coordinates(values: Any) -> Any:
+def _in_metres(values: Any) -> Any:
+    """Return numbers, or strings such as "2 mm", in metres. Lists may be nested."""
     if isinstance(values, list):
-        return [_coordinates(value) for value in values]
+        return [_in_metres(value) for value in values]
     is_number = type(values) is float and math.isfinite(values)
     return values if is_number else quantities.parse_coordinate(values)
 
 
-def _listed(value: Any) -> list[Any]:
+def _as_list(value: Any) -> list[Any]:
+    """Return a list unchanged, and any other value as a list with one entry."""
     return value if isinstance(value, list) else [value]
 
 
 _FLAT = ("inf", math.inf)
 _PARSERS: dict[type, Callable[[Any], Any]] = {
     Length: quantities.parse_length,
-    Coordinate: _coordinates,
+    Coordinate: _in_metres,
     Angle: quantities.parse_angle,
     Frequency: quantities.parse_frequency,
     Decibels: quantities.parse_decibels,
-    Coordinates: lambda values: _coordinates(_listed(values)),
-    Radii: lambda radii: [float(r) if r in _FLAT else _coordinates(r) for r in _listed(radii)],
-    Complex: lambda number: complex(*converted(_listed(number), list[float])),
+    Coordinates: lambda values: _in_metres(_as_list(values)),
+    Radii: lambda radii: [float(r) if r in _FLAT else _in_metres(r) for r in _as_list(radii)],
+    Complex: lambda number: complex(*converted(_as_list(number), list[float])),
 }
 
 
@@ -142,7 +144,7 @@ _FUNCTIONS: dict[type, Callable[..., Any]] = {}
 
 
 def _union_of(functions: Mapping[str, Callable[..., Any]], base: type = Kind) -> Any:
-    """Return the union of table types for functions; the keys are the functions' parameters."""
+    """Return the union of table types for functions; the keys of a table are the parameters."""
     tables = []
     for name, function in functions.items():
         fields: list[Any] = []
@@ -161,7 +163,8 @@ def _union_of(functions: Mapping[str, Callable[..., Any]], base: type = Kind) ->
     return functools.reduce(operator.or_, tables)
 
 
-def _row(count: int, pitch: float) -> NDArray[np.float64]:
+def _row_positions(count: int, pitch: float) -> NDArray[np.float64]:
+    """Return the positions (count, 1) in m of slits in a row."""
     return arrays.grid_positions(count, 1, pitch)[:, :1]
 
 
@@ -171,7 +174,7 @@ FieldTable = _union_of({
     "te_mode": tapers.te_mode,
 })  # fmt: skip
 LayoutTable = _union_of({
-    "row": _row, "grid": arrays.grid_positions, "triangular": arrays.triangular_positions,
+    "row": _row_positions, "grid": arrays.grid_positions, "triangular": arrays.triangular_positions,
     "rings": arrays.ring_positions,
 })  # fmt: skip
 WeightTable = _union_of({
@@ -207,7 +210,7 @@ def called(table: Any, wavelength: float | None = None, layout: Any = None, **co
 
 def product_of(tables: Any, wavelength: float | None, **context: Any) -> Any:
     """Return the product of the fields or weights that one or several tables describe."""
-    factors = (called(table, wavelength, **context) for table in _listed(tables))
+    factors = (called(table, wavelength, **context) for table in _as_list(tables))
     return functools.reduce(operator.mul, factors)
 
 
@@ -234,11 +237,12 @@ _EXPECTED = {
 }
 
 
-def _table(name: str, text: str) -> dict[str, Any]:
+def _table_of_text(name: str, text: str) -> dict[str, Any]:
+    """Return the table that is equivalent to a short string of the kind ``name``."""
     if name == "steering":
         return {"kind": name, **dict(zip(("theta", "phi"), parse_direction(text), strict=True))}
     if name == "focus":
-        return {"kind": "focusing", "point": _parts(text)}
+        return {"kind": "focusing", "point": _split_at_commas(text)}
     written = text.strip() if name == "array" else text.strip().lower()
     for kind, pattern in _PATTERNS[name].items():
         match = re.fullmatch(pattern, written, re.IGNORECASE)
@@ -248,7 +252,8 @@ def _table(name: str, text: str) -> dict[str, Any]:
     raise QuantityError(f"expected {_EXPECTED[name]}, got {value_text(text)}")
 
 
-def _parts(text: str) -> list[Any]:
+def _split_at_commas(text: str) -> list[Any]:
+    """Return the parts of a text between commas, without surrounding blanks."""
     return [part.strip() for part in text.split(",")]
 
 
@@ -267,6 +272,7 @@ def apply_texts(source: Any, texts: Mapping[str, str], wavelength: float | None)
 
 
 def _with_text(source: Any, name: str, texts: Mapping[str, str], wavelength: float | None) -> Any:
+    """Return a source to which the short string ``texts[name]`` is applied."""
     text, got = texts[name], type(source).__name__
     if name in ("curved", "coherence"):
         if not hasattr(source, "curved"):
@@ -276,9 +282,9 @@ def _with_text(source: Any, name: str, texts: Mapping[str, str], wavelength: flo
         if name == "coherence":
             return source.partially_coherent(quantities.parse_length(text))
         low, high = np.reshape(source.bounds, (2, -1))
-        radii = converted(_parts(text), Radii)
+        radii = converted(_split_at_commas(text), Radii)
         return source.curved(radii, required_wavelength(wavelength), (low + high) / 2)
-    table = _table(name, text)
+    table = _table_of_text(name, text)
     if name in ("taper", "array"):
         if not isinstance(source, Aperture):
             raise ArgumentError(f"expected an aperture for this option, got {got}")
@@ -286,7 +292,7 @@ def _with_text(source: Any, name: str, texts: Mapping[str, str], wavelength: flo
             return _tapered(source, table)
         return phased_array(source, called(converted(table, LayoutTable, strict=False)))
     if name == "steering" and isinstance(source, Aperture):
-        return _times(source, called(converted(table, FieldTable), wavelength, dimension=2))
+        return _with_factor(source, called(converted(table, FieldTable), wavelength, dimension=2))
     if not isinstance(source, Array) or source.repeated is None:
         raise ArgumentError(
             f"expected an array of identical elements with a flat wave, got {got}; specify array "
@@ -294,7 +300,7 @@ def _with_text(source: Any, name: str, texts: Mapping[str, str], wavelength: flo
         )
     layout = None
     if "array" in texts:
-        layout = converted(_table("array", texts["array"]), LayoutTable, strict=False)
+        layout = converted(_table_of_text("array", texts["array"]), LayoutTable, strict=False)
     element, positions = source.repeated
     weights = converted(table, WeightTable, strict=False)
     factor = called(weights, wavelength, layout, positions=positions, dimension=2)
@@ -302,6 +308,7 @@ def _with_text(source: Any, name: str, texts: Mapping[str, str], wavelength: flo
 
 
 def _tapered(aperture: Aperture, table: dict[str, Any]) -> Aperture:
+    """Return an aperture with the taper of a table, which spans its bounding box."""
     xmin, ymin, xmax, ymax = aperture.bounds
     sizes = {"width": xmax - xmin, "height": ymax - ymin}
     axis = table.pop("axis", None)
@@ -310,17 +317,18 @@ def _tapered(aperture: Aperture, table: dict[str, Any]) -> Aperture:
     if table.get("m") == "0":
         table["component"] = "x"
     field = called(converted(table | sizes, FieldTable, strict=False), dimension=2)
-    return _times(aperture, field.moved(aperture.centre))
+    return _with_factor(aperture, field.moved(aperture.centre))
 
 
-def _times(aperture: Aperture, field: Illumination) -> Aperture:
+def _with_factor(aperture: Aperture, field: Illumination) -> Aperture:
+    """Return an aperture whose field is multiplied by another field."""
     other: Any = aperture.illumination
     return aperture.with_illumination(field if other is None else other * field)
 
 
 def parse_direction(text: str) -> tuple[float, float]:
     """Parse "20 deg" or "20 deg, 90 deg" to theta >= 0 and phi in rad; or raise QuantityError."""
-    theta, *phi = map(quantities.parse_angle, _parts(text))
+    theta, *phi = map(quantities.parse_angle, _split_at_commas(text))
     # Rejects degrees without a unit.
     if len(phi) > 1 or not abs(theta) < math.pi / 2:
         raise QuantityError(

@@ -25,6 +25,7 @@ from polywigner.geometry.arguments import (
     takes_frequency,
 )
 from polywigner.geometry.illumination import Illumination
+from polywigner.numerics import Complex, Floats
 
 # Largest deviation of the length of a unit vector from 1, for float32 vectors.
 _UNIT = 1e-6
@@ -32,7 +33,7 @@ _UNIT = 1e-6
 _ADVICE = "divide the vector by its length"
 
 
-def checked_unit_vectors(name: str, vectors: Any) -> NDArray[np.float64]:
+def checked_unit_vectors(name: str, vectors: Any) -> Floats:
     """Return unit vectors (..., 3); raise ArgumentError if the length of a vector is not 1."""
     expected = f"expected {name} to be unit vectors of shape (..., 3)"
     array = checked_vectors(vectors, expected, (3,))
@@ -46,7 +47,7 @@ def checked_unit_vectors(name: str, vectors: Any) -> NDArray[np.float64]:
     return array
 
 
-def unit_vector(direction: Any) -> NDArray[np.float64]:
+def unit_vector(direction: Any) -> Floats:
     """Return a unit vector (3,) with z >= 0; raise ArgumentError for other vectors."""
     expected = "expected a direction as a unit vector of shape (3,)"
     vector = checked_unit_vectors("direction", finite_array(direction, expected, (3,)))
@@ -58,13 +59,13 @@ def unit_vector(direction: Any) -> NDArray[np.float64]:
     return vector
 
 
-def direction_of(theta: float, phi: float = 0.0) -> NDArray[np.float64]:
+def direction_of(theta: float, phi: float = 0.0) -> Floats:
     """Return the unit vector at the polar angle theta and the azimuth phi, in radians."""
     sine = math.sin(theta)
     return unit_vector([sine * math.cos(phi), sine * math.sin(phi), math.cos(theta)])
 
 
-def transverse(direction: Any) -> NDArray[np.float64]:
+def transverse(direction: Any) -> Floats:
     """Return the components of a direction along the aperture, shape (2,), or (1,) for slits.
 
     The direction is given as a unit vector (3,), as these components (2,), or as the sine of an
@@ -195,7 +196,7 @@ def cosine_taper(
     exponent = checked_count(power, "power", 1, _HIGHEST_POWER)
     amplitudes = np.array([math.comb(exponent, k) for k in range(exponent + 1)]) / 2.0**exponent
     orders = np.arange(exponent + 1) - exponent / 2
-    return _tapered(width, height, dimension, lambda size: (amplitudes, orders / size))
+    return _taper_along_axes(width, height, dimension, lambda size: (amplitudes, orders / size))
 
 
 def te_mode(
@@ -248,7 +249,7 @@ def te_mode(
             f"expected {axis} of at least 1 for the component {component}, got 0; TE_{m}{n} "
             "has only the other component"
         )
-    return _product(
+    return _product_of_waves(
         _half_periods(along_x, a, sine=component == "y"),
         _half_periods(along_y, b, sine=component == "x"),
     )
@@ -313,7 +314,7 @@ def taylor_taper(
     amplitudes = np.concatenate([half[::-1], [1.0], half])
     amplitudes /= amplitudes.sum()
     orders = np.arange(1 - zeros, zeros)
-    return _tapered(width, height, dimension, lambda size: (amplitudes, orders / size))
+    return _taper_along_axes(width, height, dimension, lambda size: (amplitudes, orders / size))
 
 
 def checked_sidelobes(sll: Any, nbar: Any) -> tuple[float, int]:
@@ -327,9 +328,10 @@ def checked_sidelobes(sll: Any, nbar: Any) -> tuple[float, int]:
     return decibels, checked_count(nbar, "nbar", 1, _HIGHEST_NBAR)
 
 
-def _tapered(
+def _taper_along_axes(
     width: float | None, height: float | None, dimension: int, taper: Callable[[float], _Waves]
 ) -> Illumination:
+    """Return the product of tapers along x and y. ``taper`` returns the waves for a length in m."""
     if checked_count(dimension, "dimension", 1, 2) == 1 and height is not None:
         raise ArgumentError(
             f"expected height=None for a taper of slits (dimension=1), got {value_text(height)}"
@@ -341,20 +343,21 @@ def _tapered(
         along = [
             _CONSTANT if size is None else taper(checked_length(size, name)) for name, size in sizes
         ]
-    return Illumination(*along[0]) if dimension == 1 else _product(*along)
+    return Illumination(*along[0]) if dimension == 1 else _product_of_waves(*along)
 
 
 _CONSTANT: _Waves = (np.ones(1), np.zeros(1))
 
 
-def _product(along_x: _Waves, along_y: _Waves) -> Illumination:
+def _product_of_waves(along_x: _Waves, along_y: _Waves) -> Illumination:
+    """Return the field that is the product of a sum of waves along x and one along y."""
     amplitudes = np.multiply.outer(along_x[0], along_y[0])
     frequencies = np.stack(np.meshgrid(along_x[1], along_y[1], indexing="ij"), axis=-1)
     return Illumination(amplitudes.ravel(), frequencies.reshape(-1, 2))
 
 
 def _half_periods(number: int, size: float, sine: bool) -> _Waves:
-    """Return sin or cos of (number pi (x/size + 1/2)) as waves with exact amplitudes."""
+    """Return sin or cos of number pi (x/size + 1/2) as a sum of waves along x."""
     if number == 0:
         return _CONSTANT
     phase = complex((1, 1j, -1, -1j)[number % 4])
@@ -363,8 +366,8 @@ def _half_periods(number: int, size: float, sine: bool) -> _Waves:
     return np.array(amplitudes), np.array([number, -number]) / (2 * size)
 
 
-def _taylor_coefficients(decibels: float, nbar: int) -> NDArray[np.float64]:
-    """Return F_1 ... F_(nbar - 1) of :func:`taylor_taper`."""
+def _taylor_coefficients(decibels: float, nbar: int) -> Floats:
+    """Return the coefficients F_1 to F_(nbar - 1) of :func:`taylor_taper`."""
     # arccosh(10^(sll/20))/pi, without cancellation for small sll
     excess = math.expm1(decibels / 20 * math.log(10))
     a = math.log1p(excess + math.sqrt(excess * (2 + excess))) / math.pi
@@ -459,16 +462,15 @@ def fit_illumination(
     >>> fit.residual < 1e-2
     True
     """
-    positions, field = _samples(points, values)
-    least = checked_number(cut_off, "cut_off", "a fraction from 1e-15 to 1")
-    if not 1e-15 <= least < 1:
-        raise ArgumentError(f"expected cut_off of at least 1e-15 and below 1, got {cut_off!r}")
+    positions, field = _checked_samples(points, values)
+    meaning = "a fraction of at least 1e-15 and below 1"
+    least = checked_number(cut_off, "cut_off", meaning, lambda x: 1e-15 <= x < 1)
     low, high = positions.min(axis=0), positions.max(axis=0)
     centre = low / 2 + high / 2
     if frequencies is None:
-        kappa = _lattice(high - low, checked_count(order, "order", 0), len(positions))
+        kappa = _default_frequencies(high - low, checked_count(order, "order", 0), len(positions))
     else:
-        kappa = _distinct(frequencies, positions.shape[1])
+        kappa = _distinct_frequencies(frequencies, positions.shape[1])
     if len(kappa) > _MOST_WAVES:
         raise ArgumentError(
             f"expected at most {_MOST_WAVES} waves, got {len(kappa)}; pass fewer frequencies, "
@@ -483,7 +485,8 @@ def fit_illumination(
     return FittedIllumination(fitted, residual, int(rank), cancellation)
 
 
-def _samples(points: Any, values: Any) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
+def _checked_samples(points: Any, values: Any) -> tuple[Floats, Complex]:
+    """Return the positions (n, d) and complex values (n,) of a sampled field as arrays."""
     expected = "expected points of shape (n, 2), or (n, 1) for slits"
     positions = finite_array(points, expected, (None,), (None, 1), (None, 2)).reshape(
         len(points), -1
@@ -495,7 +498,8 @@ def _samples(points: Any, values: Any) -> tuple[NDArray[np.float64], NDArray[np.
     return positions, field
 
 
-def _distinct(frequencies: Any, dimension: int) -> NDArray[np.float64]:
+def _distinct_frequencies(frequencies: Any, dimension: int) -> Floats:
+    """Return frequencies (m, dimension) without duplicates, or raise IlluminationError."""
     count = len(frequencies) if hasattr(frequencies, "__len__") else 1
     kappa = Illumination(np.ones(count), frequencies).frequencies
     if kappa.shape[1] != dimension:
@@ -505,8 +509,11 @@ def _distinct(frequencies: Any, dimension: int) -> NDArray[np.float64]:
     return kappa
 
 
-def _lattice(extent: NDArray[np.float64], order: int, samples: int) -> NDArray[np.float64]:
-    """Return frequencies (m, d) with a whole number of periods in twice the sampled extent."""
+def _default_frequencies(extent: Floats, order: int, samples: int) -> Floats:
+    """Return frequencies (m, d) of waves whose period is a fraction of twice the sampled extent.
+
+    ``order`` is the largest number of periods, which is reduced if there are few samples.
+    """
     axes = int(np.count_nonzero(extent))
     highest = order
     while highest and (2 * highest + 1) ** axes > samples:

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_number, checked_wavelength, warn_caller
 from polywigner.geometry.convex import trapezoids
+from polywigner.geometry.hidden_parts import polygonal
 from polywigner.geometry.parts import shifted
-from polywigner.numerics import Complex
+from polywigner.numerics import Complex, blocks_by_size
 from polywigner.numerics.nodes import (
     LARGEST,
     Cells,
@@ -45,15 +46,15 @@ _EXTRA = (1, 3, 6, 10, 16, 24, 34)
 _MOST, _BLOCK = 1 << 26, 1 << 17
 
 
-def _bilinear(count_u: int, count_v: int) -> Floats:
-    """Return the bilinear weights of a cell's corners at the points of a grid, shape (n, 4)."""
+def _bilinear_weights(count_u: int, count_v: int) -> Floats:
+    """Return weights (n, 4) of the corners of a cell at a grid of points, count_u x count_v."""
     u, v = (a.ravel() for a in np.meshgrid(np.linspace(0, 1, count_u), np.linspace(0, 1, count_v)))
     return np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=1)
 
 
 # Points at which the phase gradient is sampled in a cell. Trapezoids need more points, because they
 # may extend across the entire pupil.
-_IN_TRIANGLE, _IN_TRAPEZOID = _bilinear(4, 3), _bilinear(5, 9)
+_IN_TRIANGLE, _IN_TRAPEZOID = _bilinear_weights(4, 3), _bilinear_weights(5, 9)
 # Number of additional nodes above which a rule also has more nodes per phase cycle, because the
 # phase may be steeper between the sample points.
 _STEEP = 4
@@ -109,7 +110,7 @@ class AberratedPupil:
     def of(
         cls, source: Any, aberration: Aberration | None, wavelength: float, bend: float
     ) -> AberratedPupil:
-        """Return the pupil for a coherent source at a wavelength."""
+        """Return the pupil of a coherent source with an aberration and a defocus."""
         form = normal_form(source)
         if form.dimension != 2:
             raise ArgumentError(
@@ -161,7 +162,10 @@ class AberratedPupil:
         return np.asarray(total)
 
     def waves(self, numbers: Indices, x: Floats) -> Complex:
-        """Return the field at points on the specified elements, without weights and aberration."""
+        """Return the plane waves of elements at points (n, 2), without weights and aberration.
+
+        ``numbers`` contains the index of the element of each point.
+        """
         values = np.ones(len(x), np.complex128)
         for k, element in enumerate(self.elements):
             if not element.has_unit_field:
@@ -178,6 +182,7 @@ class AberratedPupil:
 
     @cached_property
     def _cells(self) -> list[tuple[Cells, Floats]]:
+        """Trapezoids (n, 4, 2) that form each element, and phase gradients at points in them."""
         cells = [trapezoids(element.rings).corners for element in self.elements]
         return [(corners, self.slopes(_IN_TRAPEZOID @ corners)) for corners in cells]
 
@@ -221,12 +226,6 @@ def _node_counts(
             "axis"
         )
     return counts
-
-
-def _blocks(counts: Indices) -> list[Indices]:
-    block = np.cumsum(counts.prod(axis=1)) // _BLOCK
-    numbers = np.split(np.arange(len(counts)), np.flatnonzero(np.diff(block)) + 1)
-    return numbers if len(counts) else []
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,10 +273,12 @@ def slice_integrals(
     kappa = np.concatenate([element.frequencies for element in pupil.elements])
 
     def slopes(x: Floats, region: Indices) -> Floats:
+        """Return the phase gradient of the integrand at points in regions, in cycles per metre."""
         lag = half[region, None]
         return pupil.slopes(x + lag) - pupil.slopes(x - lag)
 
     def integrand(x: Floats, region: Indices) -> Complex:
+        """Return the integrand times each factor at points in regions."""
         ahead, behind = x + half[region], x - half[region]
         values = np.exp(2j * np.pi * (pupil.cycles(ahead) - pupil.cycles(behind)))
         values *= pupil.waves(regions.first[region], ahead)
@@ -302,30 +303,29 @@ def region_integrals(
     of their phase for :func:`_node_counts`. The second argument of both functions is the index of
     the polygon of each point.
     """
-    outer, of_outer = shapely.get_parts(polygons, return_index=True)
-    parts, of_part = shapely.get_parts(outer, return_index=True)
-    plane = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
-    triangles, part = triangles_of(parts[plane])
-    owner, cells = of_outer[of_part[plane][part]], cells_of(triangles)
+    parts, polygon = shapely.get_parts(polygonal(polygons), return_index=True)
+    triangles, part = triangles_of(parts)
+    owner, cells = polygon[part], cells_of(triangles)
     counts = _node_counts(cells, slopes(_IN_TRIANGLE @ cells, owner), half_band, extra, error)
     # An empty array of points gives the number of functions even if all polygons are empty.
     count = len(integrand(np.zeros((0, 2)), np.zeros(0, np.intp)))
     total: Any = np.zeros((count, len(polygons)), np.complex128)
-    for some in _blocks(counts):
+    for some in blocks_by_size(counts.prod(axis=1), _BLOCK):
         nodes, weights, cell = rule_over_cells(cells[some], counts[some])
         region = owner[some][cell]
         rows = weights * integrand(nodes, region)
-        total = total + np.array([_summed(region, row, len(polygons)) for row in rows])
+        total = total + np.array([sums_by_index(region, row, len(polygons)) for row in rows])
     return np.asarray(total)
 
 
 def by_lag(regions: Slices, integrals: Complex) -> Complex:
     """Return the weighted sums of integrals over all regions that belong to the same lag."""
     rows = regions.weights * integrals
-    return np.array([_summed(regions.row, row, len(regions.lags)) for row in rows])
+    return np.array([sums_by_index(regions.row, row, len(regions.lags)) for row in rows])
 
 
-def _summed(index: Indices, values: Complex, count: int) -> Complex:
+def sums_by_index(index: Indices, values: Complex, count: int) -> Complex:
+    """Return the sums (count,) of complex values (n,) that have the same index."""
     real, imag = (np.bincount(index, part, count) for part in (values.real, values.imag))
     return np.asarray(real + 1j * imag)
 
@@ -355,7 +355,5 @@ def checked_aberration(aberration: Any, wavelength: Any, *, has_gradients: bool 
 
 def checked_tolerance(tolerance: Any) -> float:
     """Return the tolerance. Raises ArgumentError if it is invalid."""
-    number = checked_number(tolerance, "tolerance", "a fraction from 1e-13 to 0.1")
-    if not 1e-13 <= number <= 0.1:
-        raise ArgumentError(f"expected tolerance from 1e-13 to 0.1, got {number:g}")
-    return number
+    meaning = "a fraction from 1e-13 to 0.1"
+    return checked_number(tolerance, "tolerance", meaning, lambda x: 1e-13 <= x <= 0.1)

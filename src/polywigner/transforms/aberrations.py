@@ -15,6 +15,7 @@ from polywigner.errors import ArgumentError, value_text
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import (
     DrJitArray,
+    Immutable,
     checked_choice,
     checked_count,
     checked_length,
@@ -93,8 +94,8 @@ def zernike_values(orders: Sequence[Order], x: Floats, y: Floats) -> Floats:
 
     The largest value of each polynomial on the rim of the disc is 1.
     """
-    table = _complex_values(max((n for n, _ in orders), default=0), x, y)
-    return np.array([_part(table[n, abs(m)], m) for n, m in orders])
+    table = _complex_polynomials(max((n for n, _ in orders), default=0), x, y)
+    return np.array([_real_or_imaginary(table[n, abs(m)], m) for n, m in orders])
 
 
 def zernike_gradients(orders: Sequence[Order], x: Floats, y: Floats) -> Floats:
@@ -103,40 +104,43 @@ def zernike_gradients(orders: Sequence[Order], x: Floats, y: Floats) -> Floats:
     The complex polynomials satisfy d/dz V_n^m - d/dz V_(n-2)^m = n V_(n-1)^(m-1). For the
     derivative with respect to conj(z), the right-hand side is n V_(n-1)^(m+1).
     """
-    table = _complex_values(max((n for n, _ in orders), default=0), x, y)
-    return np.array([_gradient(table, order) for order in orders])
+    table = _complex_polynomials(max((n for n, _ in orders), default=0), x, y)
+    return np.array([_polynomial_gradient(table, order) for order in orders])
 
 
-def _complex_values(highest: int, x: Floats, y: Floats) -> dict[Order, Complex]:
+def _complex_polynomials(highest: int, x: Floats, y: Floats) -> dict[Order, Complex]:
+    """Return the complex Zernike polynomials V_n^m at points for m >= 0 and n up to ``highest``."""
     z = np.asarray(x) + 1j * np.asarray(y)
     table: dict[Order, Complex] = {(0, 0): np.ones_like(z)}
     for n in range(1, highest + 1):
         for m in range(n % 2, n + 1, 2):
-            value = z * _at(table, n - 1, m - 1)
+            value = z * _complex_polynomial(table, n - 1, m - 1)
             if m < n:
                 value = value + z.conj() * table[n - 1, m + 1] - table[n - 2, m]
             table[n, m] = value
     return table
 
 
-def _at(table: dict[Order, Complex], n: int, m: int) -> Complex:
+def _complex_polynomial(table: dict[Order, Complex], n: int, m: int) -> Complex:
     """Return the complex Zernike polynomial V_n^m for any m; it is zero if |m| exceeds n."""
     if abs(m) > n:
         return np.zeros_like(table[0, 0])
     return table[n, m] if m >= 0 else table[n, -m].conj()
 
 
-def _part(values: Complex, m: int) -> Floats:
+def _real_or_imaginary(values: Complex, m: int) -> Floats:
+    """Return the cosine part (m >= 0) or the sine part of complex Zernike polynomials."""
     return values.real if m >= 0 else values.imag
 
 
-def _gradient(table: dict[Order, Complex], order: Order) -> Floats:
+def _polynomial_gradient(table: dict[Order, Complex], order: Order) -> Floats:
+    """Return the derivatives of a real Zernike polynomial along x and y, shape (2, ...)."""
     n, m = order
     by_z = by_conjugate = np.zeros_like(table[0, 0])
     for k in range(n, 0, -2):
-        by_z = by_z + k * _at(table, k - 1, abs(m) - 1)
-        by_conjugate = by_conjugate + k * _at(table, k - 1, abs(m) + 1)
-    return _part(np.array([by_z + by_conjugate, 1j * (by_z - by_conjugate)]), m)
+        by_z = by_z + k * _complex_polynomial(table, k - 1, abs(m) - 1)
+        by_conjugate = by_conjugate + k * _complex_polynomial(table, k - 1, abs(m) + 1)
+    return _real_or_imaginary(np.array([by_z + by_conjugate, 1j * (by_z - by_conjugate)]), m)
 
 
 # Step of finite differences for path functions, as a fraction of the pupil's radius.
@@ -169,10 +173,12 @@ class ZernikeModes:
     """Coefficients of the Zernike polynomials, one row for each sum."""
 
     def values(self, x: Floats, y: Floats) -> Floats:
+        """Return the values of the sums at positions in m, one row for each sum."""
         table = zernike_values(self.orders, x / self.radius, y / self.radius)
         return np.asarray(np.einsum("kj,j...->k...", self.matrix, table))
 
     def gradients(self, x: Floats, y: Floats) -> Floats:
+        """Return the derivatives of the sums along x and y in 1/m, shape (k, 2, ...)."""
         table = zernike_gradients(self.orders, x / self.radius, y / self.radius)
         return np.asarray(np.einsum("kj,j...->k...", self.matrix / self.radius, table))
 
@@ -186,9 +192,11 @@ class PowerModes:
     radius: float
 
     def values(self, x: Floats, y: Floats) -> Floats:
+        """Return the values of the products at positions in m, one row for each product."""
         return np.array([(x / self.radius) ** i * (y / self.radius) ** j for i, j in self.powers])
 
     def gradients(self, x: Floats, y: Floats) -> Floats:
+        """Return the derivatives of the products along x and y in 1/m, shape (k, 2, ...)."""
         u, v = x / self.radius, y / self.radius
         derivatives = [
             (i * u ** max(i - 1, 0) * v**j, j * u**i * v ** max(j - 1, 0)) for i, j in self.powers
@@ -204,6 +212,7 @@ class FunctionMode:
     radius: float
 
     def values(self, x: Floats, y: Floats) -> Floats:
+        """Return the values of the path function in m at positions in m, as a single row."""
         path = np.asarray(self.path(x, y), np.float64)
         if path.shape not in ((), np.shape(x)) or not np.isfinite(path).all():
             raise ArgumentError(
@@ -214,6 +223,7 @@ class FunctionMode:
         return np.broadcast_to(path, np.shape(x))[None]
 
     def gradients(self, x: Floats, y: Floats) -> Floats:
+        """Return central differences of the path function along x and y, shape (1, 2, ...)."""
         step = _STEP * self.radius
         by_x = self.values(x + step, y) - self.values(x - step, y)
         by_y = self.values(x, y + step) - self.values(x, y - step)
@@ -221,7 +231,7 @@ class FunctionMode:
 
 
 @final
-class Aberration:
+class Aberration(Immutable):
     """An aberration of a pupil, as a path length W(x, y) in metres.
 
     The field in the pupil is multiplied by exp(+2 pi i W/lambda). Waves are exp(+i k R) with the
@@ -255,6 +265,12 @@ class Aberration:
     5e-08
     """
 
+    coefficients: Floats
+    """Coefficient of each term in m. The coefficient of a function is dimensionless."""
+    traced: Any
+    """Dr.Jit array of the coefficients, or None if the coefficients are NumPy numbers."""
+    _modes: tuple[Modes, ...]
+
     def __init__(self, path: ArrayLike | Path, radius: float = 1.0) -> None:
         size = checked_length(radius, "radius")
         modes: Modes
@@ -265,26 +281,13 @@ class Aberration:
             table = finite_array(path, expected, (None, None))
             powers = np.argwhere(table)
             modes, coefficients = PowerModes(powers, size), table[tuple(powers.T)]
-        self._set(coefficients, modes)
-
-    def _set(self, coefficients: Floats, *modes: Modes, traced: Any = None) -> None:
-        self._coefficients, self._modes, self._traced = coefficients, modes, traced
-
-    @classmethod
-    def _of(cls, coefficients: Floats, *modes: Modes, traced: Any = None) -> Aberration:
-        aberration: Aberration = cls.__new__(cls)
-        aberration._set(coefficients, *modes, traced=traced)
-        return aberration
+        self._set(coefficients=coefficients, _modes=(modes,), traced=None)
 
     @property
-    def coefficients(self) -> Floats:
-        """Coefficient of each term in m. The coefficient of a function is dimensionless."""
-        return self._coefficients
-
-    @property
-    def traced(self) -> Any:
-        """Dr.Jit array of the coefficients, or None if the coefficients are NumPy numbers."""
-        return self._traced
+    def _key(self) -> int:
+        """Value by which aberrations are compared: only equal for the same object."""
+        # Path functions cannot be compared, so each aberration equals only itself.
+        return id(self)
 
     def with_coefficients(self, coefficients: ArrayLike | DrJitArray) -> Aberration:
         """Return an aberration with the same terms and new coefficients.
@@ -322,7 +325,7 @@ class Aberration:
         values = finite_array(
             given, f"expected coefficients to be finite numbers of shape {shape}", shape
         )
-        return self._of(values, *self._modes, traced=traced)
+        return Aberration._of(coefficients=values, _modes=self._modes, traced=traced)
 
     def __call__(self, x: ArrayLike, y: ArrayLike) -> Floats:
         """Return the path length W in m at the positions (x, y) in m."""
@@ -356,12 +359,14 @@ class Aberration:
                 "first, then use with_coefficients"
             )
         coefficients = np.concatenate([self.coefficients, other.coefficients])
-        return self._of(coefficients, *self._modes, *other._modes)
+        modes = self._modes + other._modes
+        return Aberration._of(coefficients=coefficients, _modes=modes, traced=None)
 
     def __mul__(self, factor: float) -> Aberration:
         number = checked_number(factor, "factor", "a finite number")
         traced = None if self.traced is None else self.traced * number
-        return self._of(self.coefficients * number, *self._modes, traced=traced)
+        coefficients = self.coefficients * number
+        return Aberration._of(coefficients=coefficients, _modes=self._modes, traced=traced)
 
     __rmul__ = __mul__
 
@@ -425,7 +430,7 @@ def zernike(
         for index, value in coefficients.items()
     ]
     modes = _zernike_modes(indices, radius, indexing, orthogonal_on)
-    return Aberration._of(np.array(values), modes)
+    return Aberration._of(coefficients=np.array(values), _modes=(modes,), traced=None)
 
 
 class FittedAberration(NamedTuple):
@@ -499,14 +504,17 @@ def fit_zernike(
         )
     residual = float(np.sqrt(np.square(samples[2] - matrix @ values).mean()))
     by_index = dict(zip(indices, values.tolist(), strict=True))
-    return FittedAberration(Aberration._of(values, modes), by_index, residual)
+    fitted = Aberration._of(coefficients=values, _modes=(modes,), traced=None)
+    return FittedAberration(fitted, by_index, residual)
 
 
 def _indexing_of(name: Any) -> Indexing:
+    """Return the numbering with a given name, or raise ArgumentError."""
     return INDEXINGS[checked_choice(name, "indexing", INDEXINGS)]
 
 
 def _checked_indices(indices: Collection[Any], indexing: str) -> list[int]:
+    """Return indices of Zernike polynomials as integers; raise ArgumentError for invalid ones."""
     order, first, _ = _indexing_of(indexing)
     for index in indices:
         is_index = isinstance(index, int | np.integer) and not isinstance(index, bool)
@@ -525,6 +533,7 @@ def _checked_indices(indices: Collection[Any], indexing: str) -> list[int]:
 def _zernike_modes(
     indices: list[int], radius: float, indexing: str, orthogonal_on: Aperture | Array | None
 ) -> ZernikeModes:
+    """Return the Zernike polynomials with given indices, which may be orthogonal on a pupil."""
     order, first, is_normalised = _indexing_of(indexing)
     is_plain = orthogonal_on is None
     orders = tuple(map(order, indices if is_plain else range(first, max(indices) + 1)))

@@ -114,52 +114,26 @@ def compute(
     *,
     through: FirstOrder | None = None,
     wavelength: float | None = None,
-    shear: execution.Shear | None = None,
-    has_kernel: bool = False,
 ) -> Values:
     """Return a public transform of a source at NumPy points or Dr.Jit points.
 
-    ``has_kernel`` specifies that the source has a kernel and the points are NumPy arrays. ``shear``
-    maps the components of the points, see :func:`polywigner.execution.evaluate`. The Fourier
-    transform of arrays and of sources with several waves is computed by :func:`polywigner.fourier`.
+    The Fourier transform of arrays and of sources with several waves is computed by
+    :func:`polywigner.fourier`.
     """
-    if not has_kernel:
-        is_numpy = not isinstance(source, Differentiable)
-        for value in points.values():
-            is_numpy &= type(value) is np.ndarray or not execution.is_drjit(value)
-        if not is_numpy:
-            call = partial(_before, name, source, through, wavelength, (precision, engine))
-            numbers = source.numbers if isinstance(source, Differentiable) else {}
-            return execution.on_components(call, points, numbers, precision, engine)
-        if through is not None or wavelength is not None or isinstance(source, Wavefront):
-            return _before(name, source, through, wavelength, (precision, engine), points)
-    is_real = TRANSFORMS[name].is_real
-    if TRANSFORMS[name].full is not None:
-        is_real, name, points = _of_full(name, source, points)
-    kernel, components = kernel_of(name, source, precision, engine), []
-    for label, value in points.items():
-        array = checked_points(label, value, kernel.dimension, keep_single=True)
-        components += execution.split(array)
-    try:
-        shape = np.broadcast_shapes(*[c.shape for c in components])
-    except ValueError:
-        broadcast_shape([np.asarray(value) for value in points.values()])
-        raise
-    result, parts = empty_result(shape, precision, 1 if is_real else 2)
-    execution.evaluate(
-        kernel,
-        source,
-        components,
-        double=precision != "single",
-        engine=engine,
-        outputs=len(parts),
-        into=parts,
-        shear=shear,
-    )
-    return result[()]
+    call = partial(_before_system, name, source, through, wavelength, (precision, engine))
+    is_differentiable = isinstance(source, Differentiable)
+    if is_differentiable or execution.has_drjit(points.values()):
+        numbers = source.numbers if is_differentiable else {}
+        return execution.on_components(call, points, numbers, precision, engine)
+    return call(points)
 
 
-def _of_full(name: str, source: Any, points: Points) -> tuple[bool, str, Points]:
+def _as_full_transform(name: str, source: Any, points: Points) -> tuple[bool, str, Points]:
+    """Replace a marginal by the transform that equals it if one argument is zero.
+
+    Returns whether the values are real, the name of the transform, and its points. The lag
+    marginal of a uniform aperture is not replaced at NumPy points.
+    """
     declared = TRANSFORMS[name]
     assert declared.full is not None
     # The lag marginal of a uniform source is real.
@@ -177,12 +151,11 @@ def _of_full(name: str, source: Any, points: Points) -> tuple[bool, str, Points]
     return declared.is_real or is_uniform, declared.full, full
 
 
-def _flat(
+def _of_flat_wave(
     name: str, source: Any, points: Points, how: Options, shear: execution.Shear | None = None
 ) -> Values:
-    if not execution.has_drjit(points.values()):
-        return compute(name, source, points, *how, shear=shear, has_kernel=True)
-    is_real = TRANSFORMS[name].is_real
+    """Return a transform of a source with a flat wave. ``shear`` maps the components of points."""
+    is_traced, is_real = execution.has_drjit(points.values()), TRANSFORMS[name].is_real
     if isinstance(source, Differentiable):
         # The special kernels of arrays have no derivatives.
         kernels_of_all = {"wigner": kernels.WIGNER, "ambiguity": kernels.AMBIGUITY}
@@ -194,11 +167,29 @@ def _flat(
         kernel = kernels_of_all[name]
     else:
         if TRANSFORMS[name].full is not None:
-            is_real, name, points = _of_full(name, source, points)
+            is_real, name, points = _as_full_transform(name, source, points)
         kernel = kernel_of(name, source, *how)
-    return execution.evaluate_traced(
-        kernel, source, points, complex_result=not is_real, shear=shear
+    if is_traced:
+        return execution.evaluate_traced(
+            kernel, source, points, complex_result=not is_real, shear=shear
+        )
+    precision, engine = how
+    arrays = [
+        checked_points(label, value, kernel.dimension, keep_single=True)
+        for label, value in points.items()
+    ]
+    result, parts = empty_result(broadcast_shape(arrays), precision, 1 if is_real else 2)
+    execution.evaluate(
+        kernel,
+        source,
+        [component for array in arrays for component in execution.split(array)],
+        double=precision != "single",
+        engine=engine,
+        outputs=len(parts),
+        into=parts,
+        shear=shear,
     )
+    return result[()]
 
 
 def explain(
@@ -275,7 +266,7 @@ def explain(
     return plan
 
 
-def _before(
+def _before_system(
     name: str,
     source: Any,
     through: FirstOrder | None,
@@ -283,17 +274,19 @@ def _before(
     how: Options,
     points: Points,
 ) -> Values:
+    """Return a transform. Points behind an optical system are mapped to points in front of it."""
     if through is not None or wavelength is not None:
-        points = _mapped(name, source, through, wavelength, points)
+        points = _mapped_points(name, source, through, wavelength, points)
         if not isinstance(source, Differentiable):
             source = source.at_wavelength(wavelength)
     if isinstance(source, Wavefront):
-        transform = _curved if source.is_coherent else _partly_coherent
+        transform = _of_curved_wave if source.is_coherent else _of_partly_coherent_wave
         return transform(name, source, points, how)
-    return _flat(name, source, points, how)
+    return _of_flat_wave(name, source, points, how)
 
 
-def _mapped(name: str, source: Any, through: Any, wavelength: Any, points: Points) -> Points:
+def _mapped_points(name: str, source: Any, through: Any, wavelength: Any, points: Points) -> Points:
+    """Map points behind an optical system to points in front of it, (O2), (O3)."""
     if through is None:
         raise ArgumentError(
             f"wavelength={wavelength!r} requires an optical system (through=), got none; omit the "
@@ -310,7 +303,7 @@ def _mapped(name: str, source: Any, through: Any, wavelength: Any, points: Point
     dimension = kernels.kernel_for(name, flat).dimension
     a, b, c, d = _blocks_for(through, dimension)
     position, frequency = TRANSFORMS[name].plane
-    checked = _checked(points, dimension)
+    checked = _checked_components(points, dimension)
     if not execution.has_drjit(checked.values()):
         broadcast_shape(list(checked.values()))
     components = [*execution.split(checked[position]), *execution.split(checked[frequency])]
@@ -334,7 +327,8 @@ def _blocks_for(system: FirstOrder, dimension: int) -> tuple[NDArray[np.float64]
     return tuple(block[:1, :1] for block in blocks)
 
 
-def _partly_coherent(name: str, wave: Wavefront, points: Points, how: Options) -> Values:
+def _of_partly_coherent_wave(name: str, wave: Wavefront, points: Points, how: Options) -> Values:
+    """Return a transform of a source with a finite coherence width, (PC2), (PC3), (I5)."""
     if name == "fourier":
         raise IlluminationError(
             f"expected a coherent source for {name}, got one with a coherence width of "
@@ -349,13 +343,13 @@ def _partly_coherent(name: str, wave: Wavefront, points: Points, how: Options) -
             f"expected {traced[0]} to be a NumPy array for a partially coherent source, got a "
             f"Dr.Jit array; use {traced[0]}.numpy()"
         )
-    points, coherent = _checked(points, wave.dimension), coherent_source(wave)
+    points, coherent = _checked_components(points, wave.dimension), coherent_source(wave)
     if takes_degree:
         values = compute(name, coherent, points, *how)
         degree = degree_of_coherence(wave, list(points.values())[-1])
         return values * degree.astype(np.asarray(values).real.dtype)
     if TRANSFORMS[name].full is not None:
-        _, name, points = _of_full(name, wave, points)
+        _, name, points = _as_full_transform(name, wave, points)
     x, nu = points.values()
     if traced:
         double = type(execution.split(points[traced[0]])[0]).__name__.endswith("64")
@@ -363,18 +357,21 @@ def _partly_coherent(name: str, wave: Wavefront, points: Points, how: Options) -
         double = execution.checked_precision(how[0]) != "single"
 
     def of_coherent(x: Values, nu: Values) -> Values:
-        return _before("wigner", coherent, None, None, how, {"x": x, "nu": nu})
+        """Return the Wigner function of the coherent source."""
+        return _before_system("wigner", coherent, None, None, how, {"x": x, "nu": nu})
 
     if not has_closed_form:
         return mean_over_tilts(of_coherent, wave, nu, x, double=double)
 
     def closed_form(limited: Wavefront, x: Values, nu: Values) -> Values:
-        return _curved("wigner", limited, {"x": x, "nu": nu}, how)
+        """Return the Wigner function of a source for which the closed form is accurate."""
+        return _of_curved_wave("wigner", limited, {"x": x, "nu": nu}, how)
 
     return within_widths(closed_form, of_coherent, wave, x, nu, double)
 
 
-def _checked(points: Points, dimension: int) -> dict[str, Values]:
+def _checked_components(points: Points, dimension: int) -> dict[str, Values]:
+    """Return points as float64 arrays, or as Dr.Jit arrays with ``dimension`` components."""
     return {
         label: execution.joined(execution.components_of(label, value, dimension))
         if execution.is_drjit(value)
@@ -383,13 +380,14 @@ def _checked(points: Points, dimension: int) -> dict[str, Values]:
     }
 
 
-def _curved(name: str, wave: Wavefront, points: Points, how: Options) -> Values:
+def _of_curved_wave(name: str, wave: Wavefront, points: Points, how: Options) -> Values:
+    """Return a transform of a curved wave, from the flat wave at sheared points, (Q1) to (Q5)."""
     if name == "fourier":
         return _curved_spectrum(wave, points["nu"], how)
     d, q = wave.dimension, wave.curvature
     if TRANSFORMS[name].full is not None:
-        _, name, points = _of_full(name, wave, points)
-    points, flat = _checked(points, wave.dimension), wave.source
+        _, name, points = _as_full_transform(name, wave, points)
+    points, flat = _checked_components(points, wave.dimension), wave.source
     if not wave.is_coherent:
         flat = Wavefront(flat, coherence_width=wave.coherence_width)
 
@@ -399,19 +397,20 @@ def _curved(name: str, wave: Wavefront, points: Points, how: Options) -> Values:
 
     centre = wave.centre.tolist()
     if name == "autocorrelation":
-        value = _flat(name, flat, points, how)
+        value = _of_flat_wave(name, flat, points, how)
         x, xi = (execution.split(p) for p in points.values())
         return _with_phase(value, zip(slopes(x, centre), xi, strict=True))
     first, second = TRANSFORMS[name].plane == ("x", "nu"), slice(d, 2 * d)
     about = centre if first else [0.0] * d
 
     def shear(components: Sequence[Any]) -> Sequence[Any]:
+        """Return the components of the points at which the flat wave is evaluated."""
         groups = list(components[:d]), list(components[second])
         position, frequency = groups if first else groups[::-1]
         moved = [n - s for n, s in zip(frequency, slopes(position, about), strict=True)]
         return [*position, *moved] if first else [*moved, *position]
 
-    value = _flat(name, flat, points, how, shear)
+    value = _of_flat_wave(name, flat, points, how, shear)
     slope = (q @ wave.centre).tolist()
     if first or not any(slope):
         return value
@@ -428,6 +427,7 @@ def _with_phase(value: Values, factors: Iterable[tuple[Any, Any]]) -> Values:
 
 
 def _curved_spectrum(wave: Wavefront, nu: Any, how: Options) -> NDArray[np.complexfloating[Any]]:
+    """Return the Fourier transform of a curved wave at frequencies as Fresnel integrals."""
     dimension = kernels.kernel_for("wigner", wave.source).dimension
     check_no_drjit(nu=nu)
     execution.checked_engine(how[1])

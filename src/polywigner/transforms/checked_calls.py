@@ -89,6 +89,7 @@ def array_on_grid(
     points = checked_points("nu", in_plane(nu), 2, keep_single=True)
 
     def parts(components: Sequence[NDArray[np.float64]]) -> Sequence[NDArray[np.floating[Any]]]:
+        """Return the real and the imaginary part of the transform at frequencies (nu_x, nu_y)."""
         values = point_by_point(np.stack(components, axis=-1))
         return values.real, values.imag
 

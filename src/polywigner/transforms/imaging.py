@@ -9,7 +9,6 @@ transform, of the intersection of three polygons.
 
 from __future__ import annotations
 
-import cmath
 import math
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -26,20 +25,26 @@ from polywigner.geometry.arguments import (
     checked_array,
     checked_length,
     checked_wavelength,
+    complex_array,
     finite_array,
     takes_frequency,
 )
+from polywigner.geometry.hidden_parts import edges_around
 from polywigner.geometry.parts import shifted
 from polywigner.numerics import Complex, Floats, Indices
 from polywigner.numerics.phases import simplex_plane_wave
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
-from polywigner.transforms.aberrated_pupils import checked_aberration, converged, region_integrals
+from polywigner.transforms.aberrated_pupils import (
+    checked_aberration,
+    converged,
+    region_integrals,
+    sums_by_index,
+)
 from polywigner.transforms.aberrations import Aberration
 from polywigner.transforms.checked_calls import broadcast_shape
 from polywigner.transforms.public_transforms import fourier
 from polywigner.transforms.pupil import checked_energy, checked_pupil_radius, checked_waves
-from polywigner.transforms.sections import edges_of
 
 # Largest number of polygon intersections. Computing this number takes some minutes and 2 GB of
 # memory.
@@ -122,7 +127,7 @@ def transmission_cross_coefficient(
     (0.5+0j)
     """
     system = _System.of(pupil, condenser, defocus, pupil_radius)
-    both = [_lags(name, xi) for name, xi in (("xi_1", xi_1), ("xi_2", xi_2))]
+    both = [_plane_points(name, xi) for name, xi in (("xi_1", xi_1), ("xi_2", xi_2))]
     shape = broadcast_shape(both)
     pairs = [np.broadcast_to(xi, (*shape, 2)).reshape(-1, 2) for xi in both]
     if len(pairs[0]) * system.size > _MOST:
@@ -223,12 +228,12 @@ def partially_coherent_image(
     lattice = _checked_lattice(period)
     cell = abs(np.linalg.det(lattice))
     _check_overlaps(mask, lattice)
-    orders = _orders_within_reach(system, lattice, scale)
-    amplitudes = _amplitudes(mask, orders, cell, transmission, background)
+    orders = _candidate_frequencies(system, lattice, scale)
+    amplitudes = _order_amplitudes(mask, orders, cell, transmission, background)
     used = np.abs(amplitudes) > _ROUNDING * np.abs(amplitudes).max(initial=0.0)
-    used[used] = _passing(system, scale * orders[used])
+    used[used] = _passes(system, scale * orders[used])
     orders, amplitudes = orders[used], amplitudes[used]
-    image_points = _lags("points", points)
+    image_points = _plane_points("points", points)
     if not len(orders):
         return np.zeros(image_points.shape[:-1])[()]
     matrix = amplitudes[:, None] * amplitudes.conj() * system.matrix(scale * orders)
@@ -256,6 +261,7 @@ class _System:
 
     @classmethod
     def of(cls, pupil: Any, condenser: Any, defocus: Any, pupil_radius: Any) -> _System:
+        """Return an imaging system with checked arguments. The defocus is in waves."""
         for name, source in (("pupil", pupil), ("condenser", condenser)):
             if not isinstance(source, Aperture | Array) or getattr(source, "dimension", 2) == 1:
                 raise ArgumentError(
@@ -266,25 +272,30 @@ class _System:
         checked_energy(pupil)
         light = [
             _Term(a.polygon, a.weight * b.weight.conjugate(), a.kappa - b.kappa)
-            for element in _elements(condenser)
+            for element in _waves_of_elements(condenser)
             for a in element
             for b in element
         ]
-        power = sum(_transforms([t.polygon], [-t.kappa])[0] * t.weight for t in light).real
+        power = sum(_polygon_transforms([t.polygon], [-t.kappa])[0] * t.weight for t in light).real
         if not power > 0.0:
             raise ArgumentError("expected a condenser that emits light, got weights of zero")
-        waves = [term for element in _elements(pupil) for term in element]
+        waves = [term for element in _waves_of_elements(pupil) for term in element]
         return cls(waves, light, checked_waves(defocus) / radius / radius, float(power))
 
     @property
     def size(self) -> int:
+        """Number of intersections of polygons for each pair of lags."""
         return len(self.condenser) * len(self.pupil) ** 2
 
     def coefficients(self, lags: Floats, first: Indices, second: Indices) -> Complex:
+        """Return the transmission cross coefficient of each pair of lags.
+
+        ``first`` and ``second`` contain the indices of both lags of a pair.
+        """
         total = np.zeros(len(first), np.complex128)
         nu = 2.0 * self.slope * (lags[second] - lags[first])
         for light in self.condenser:
-            regions = [_overlap(light.polygon, term.polygon, lags) for term in self.pupil]
+            regions = [_passing_parts(light.polygon, term.polygon, lags) for term in self.pupil]
             for a, one in zip(self.pupil, regions, strict=True):
                 for b, other in zip(self.pupil, regions, strict=True):
                     both = shapely.intersection(one[first], other[second])
@@ -303,9 +314,10 @@ class _System:
         """
         path = self.aberration
         if path is None:
-            return _transforms(polygons, nu)
+            return _polygon_transforms(polygons, nu)
 
         def slopes(x: Floats, region: Indices) -> Floats:
+            """Return the phase gradient of the integrand at points, in cycles per metre."""
             first, second = x + ahead[region, None], x + behind[region, None]
             bend = path.slopes(*np.moveaxis(first, -1, 0)) - path.slopes(
                 *np.moveaxis(second, -1, 0)
@@ -313,28 +325,32 @@ class _System:
             return np.asarray(bend - nu[region, None])
 
         def integrand(x: Floats, region: Indices) -> Complex:
+            """Return the values of the integrand at points, shape (1, n)."""
             cycles = path(*(x + ahead[region]).T) - path(*(x + behind[region]).T)
             cycles -= np.einsum("ij,ij->i", nu[region], x)
             return np.exp(2j * np.pi * cycles)[None]
 
         def evaluate(extra: int) -> Complex:
+            """Return the integrals for a number of additional nodes."""
             return region_integrals(polygons, slopes, integrand, np.zeros(2), extra, _PRECISE)[0]
 
         return converged(evaluate, _PRECISE * self.power, "the image").values
 
     def matrix(self, lags: Floats) -> Complex:
+        """Return the transmission cross coefficients (n, n) of all pairs of n lags."""
         _check_orders(len(lags), self.size)
         first, second = np.triu_indices(len(lags))
         above = np.zeros((len(lags), len(lags)), np.complex128)
         blocks = [slice(k, k + _PAIRS) for k in range(0, len(first), _PAIRS)]
-        with with_progress("pairs of orders", blocks) as each:
-            for some in each:
+        with with_progress("pairs of orders", blocks) as remaining:
+            for some in remaining:
                 pairs = first[some], second[some]
                 above[pairs] = self.coefficients(lags, *pairs)
         return above + np.triu(above, 1).conj().T
 
 
-def _elements(source: Aperture | Array) -> list[list[_Term]]:
+def _waves_of_elements(source: Aperture | Array) -> list[list[_Term]]:
+    """Return a list of plane waves on polygons for each element of a source."""
     elements = []
     for element in normal_form(source).in_plane.elements:
         polygon, weight = element.shape.polygons, element.weight
@@ -343,28 +359,29 @@ def _elements(source: Aperture | Array) -> list[list[_Term]]:
     return elements
 
 
-def _overlap(light: Any, pupil: Any, lags: Floats) -> NDArray[Any]:
-    """Return the part of the condenser whose light passes through the pupil, for each lag."""
+def _passing_parts(light: Any, pupil: Any, lags: Floats) -> NDArray[Any]:
+    """Return the part of a condenser polygon whose light passes a pupil polygon, for each lag."""
     return shapely.intersection(shifted(np.full(len(lags), pupil, object), -lags), light)
 
 
-def _transforms(polygons: Any, frequencies: Any) -> Complex:
+def _polygon_transforms(polygons: Any, frequencies: Any) -> Complex:
     """Return the Fourier transform of each polygon at its own frequency, (F2)."""
     nu = np.asarray(frequencies, np.float64)
-    begin, end, of, origin = edges_of(np.asarray(polygons, object))
-    # A ring may be far smaller than its distance from the origin, so triangles start at a corner of
-    # the ring.
+    shapes = np.asarray(polygons, object)
+    of, begin, end = edges_around(shapes)
+    # A polygon may be far smaller than its distance from the origin, so triangles start at a corner
+    # of its bounding box.
+    origin = shapely.bounds(shapes)[of, :2]
     begin, end = begin - origin, end - origin
     phases = [np.einsum("ij,ij->i", nu[of], corner) for corner in (begin, end, origin)]
     cosine, sine = simplex_plane_wave(NumpyOperations(), *phases[:2])
     cross = begin[:, 0] * end[:, 1] - begin[:, 1] * end[:, 0]
     terms = cross * (cosine - 1j * sine) * np.exp(-2j * np.pi * phases[2])
-    real, imag = (np.bincount(of, values, len(nu)) for values in (terms.real, terms.imag))
-    return real + 1j * imag
+    return sums_by_index(of, terms, len(nu))
 
 
-def _orders_within_reach(system: _System, lattice: Floats, scale: float) -> Floats:
-    """Return the lattice frequencies at which light from the condenser can pass the pupil."""
+def _candidate_frequencies(system: _System, lattice: Floats, scale: float) -> Floats:
+    """Return the frequencies of the diffraction orders that may pass the pupil, in 1/m."""
     reciprocal = np.linalg.inv(lattice).T
     pupil, light = (
         np.array(shapely.total_bounds([t.polygon for t in terms])).reshape(2, 2)
@@ -381,13 +398,13 @@ def _orders_within_reach(system: _System, lattice: Floats, scale: float) -> Floa
     return np.asarray(np.stack([g.ravel() for g in grid], axis=-1) @ reciprocal)
 
 
-def _passing(system: _System, lags: Floats) -> NDArray[np.bool_]:
+def _passes(system: _System, lags: Floats) -> NDArray[np.bool_]:
     """Return whether light from any point of the condenser passes the pupil, for each lag."""
     passes = np.zeros(len(lags), bool)
     for term in system.condenser:
         for pupil in system.pupil:
             others = np.flatnonzero(~passes)
-            common = _overlap(term.polygon, pupil.polygon, lags[others])
+            common = _passing_parts(term.polygon, pupil.polygon, lags[others])
             passes[others] = shapely.area(common) > 0.0
     return passes
 
@@ -404,6 +421,7 @@ def _check_orders(count: float, size: int) -> None:
 
 
 def _check_overlaps(mask: Aperture | Array, lattice: Floats) -> None:
+    """Raise GeometryError if elements of a periodic mask overlap, also those of other periods."""
     if not isinstance(mask, Aperture | Array):
         raise ArgumentError(
             f"expected mask to be an Aperture, or an Array of apertures, got {type(mask).__name__}"
@@ -427,11 +445,15 @@ def _check_overlaps(mask: Aperture | Array, lattice: Floats) -> None:
         )
 
 
-def _amplitudes(
+def _order_amplitudes(
     mask: Aperture | Array, orders: Floats, cell: float, transmission: complex, background: complex
 ) -> Complex:
+    """Return the amplitudes (n,) of diffraction orders of a mask with frequencies (n, 2) in 1/m.
+
+    ``cell`` is the area of a period.
+    """
     inside, around = (
-        _checked_amplitude(name, value)
+        complex(complex_array(value, f"expected {name} to be a finite number", ()))
         for name, value in (("transmission", transmission), ("background", background))
     )
     weights = mask.weights if isinstance(mask, Array) else np.ones(1)
@@ -445,23 +467,15 @@ def _amplitudes(
     return amplitudes
 
 
-def _checked_amplitude(name: str, value: complex) -> complex:
-    try:
-        amplitude = complex("nan" if isinstance(value, str) else value)
-    except (TypeError, ValueError):
-        amplitude = complex("nan")
-    if not cmath.isfinite(amplitude):
-        raise ArgumentError(f"expected {name} to be a finite number, got {value!r:.100}")
-    return amplitude
-
-
-def _lags(name: str, values: Any) -> Floats:
+def _plane_points(name: str, values: Any) -> Floats:
+    """Return finite points or lags of shape (..., 2) in m, or raise ArgumentError."""
     return finite_array(
         values, f"expected {name} to be finite numbers of shape (..., 2) in m", (..., 2)
     )
 
 
 def _checked_lattice(period: Any) -> Floats:
+    """Return the lattice vectors of a mask as rows, shape (2, 2), in m."""
     sizes = checked_array(period, "period", np.ndim(period) or 1)
     lattice = np.diag(sizes) if sizes.shape == (2,) else sizes
     flat = lattice.shape != (2, 2) or not np.isfinite(lattice).all()

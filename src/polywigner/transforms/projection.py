@@ -157,8 +157,8 @@ def projections(
     dimension = kernel_for(kind, source).dimension
     checked_engine(engine)
     available = _tiles_of(dimension, kind)
-    names = _requested(available, tiles)
-    axes = _axes(source, available, samples, coordinates)
+    names = _requested_tiles(available, tiles)
+    axes = _coordinate_values(source, available, samples, coordinates)
     amplitude, side = _largest_amplitude(source), max(sides_of(source.bounds).tolist())
     arrays, used = {}, set()
     for name in names:
@@ -182,31 +182,25 @@ def projections(
 
 
 def _is_frequency(name: str) -> bool:
+    """Return whether the name of a coordinate denotes a spatial frequency."""
     return name.startswith(("nu", "upsilon"))
 
 
-def _requested(available: Mapping[str, Tile], names: Iterable[str] | None) -> list[str]:
+def _requested_tiles(available: Mapping[str, Tile], names: Iterable[str] | None) -> list[str]:
+    """Return the names of the tiles to compute, by default all available tiles."""
     if not isinstance(names, Iterable | None):
         raise ArgumentError(f"expected tiles to be a list of names, got {type(names).__name__}")
     requested = [names] if isinstance(names, str) else list(available if names is None else names)
-    _check_names(requested, available, "tiles")
-    return requested
+    return [checked_choice(name, "each of the tiles", available) for name in requested]
 
 
-def _check_names(names: Iterable[object], known: Iterable[str], what: str) -> None:
-    for name in names:
-        if not isinstance(name, str) or name not in known:
-            raise ArgumentError(
-                f"expected each of the {what} to be one of {', '.join(known)}, got {name!r}"
-            )
-
-
-def _axes(
+def _coordinate_values(
     source: PhaseSpaceSource,
     tiles: Mapping[str, Tile],
     samples: int,
     coordinates: Mapping[str, ArrayLike] | None,
 ) -> dict[str, Floats]:
+    """Return the values of each coordinate: specified by the caller, or evenly spaced."""
     names = dict.fromkeys(name for tile in tiles.values() for name in (tile.first, tile.second))
     count = checked_count(samples, "samples", 2, LARGEST_SAMPLES)
     requested = {} if coordinates is None else coordinates
@@ -215,24 +209,26 @@ def _axes(
             "expected coordinates to be a mapping from names of coordinates to values, got "
             f"{type(requested).__name__}"
         )
-    _check_names(requested, names, "coordinates")
+    for name in requested:
+        checked_choice(name, "each of the coordinates", names)
     low, widths = np.reshape(source.bounds, (2, -1))[0], sides_of(source.bounds).tolist()
     axes = {}
     for name in names:
         axis = int(name.endswith("y"))
         width, centre = widths[axis], 0.0
-        reach = _LOBES / width if _is_frequency(name) else _MARGIN * width
+        half_range = _LOBES / width if _is_frequency(name) else _MARGIN * width
         if name in ("x", "y"):
-            centre, reach = low[axis] + width / 2, reach / 2
+            centre, half_range = low[axis] + width / 2, half_range / 2
         axes[name] = (
-            _numbers(name, requested[name])
+            _checked_values(name, requested[name])
             if name in requested
-            else np.linspace(centre - reach, centre + reach, count)
+            else np.linspace(centre - half_range, centre + half_range, count)
         )
     return axes
 
 
-def _numbers(name: str, values: ArrayLike) -> Floats:
+def _checked_values(name: str, values: ArrayLike) -> Floats:
+    """Return the values of a coordinate as an array (n,) with up to 4096 entries."""
     array = finite_array(values, f"expected {name} to be finite numbers of shape (n,)", (None,))
     if len(array) > LARGEST_SAMPLES:
         raise ArgumentError(
@@ -243,6 +239,7 @@ def _numbers(name: str, values: ArrayLike) -> Floats:
 
 
 def _largest_amplitude(source: PhaseSpaceSource) -> float:
+    """Return an upper bound on |u|, where the fields of elements that may overlap are added."""
     elements = normal_form(source).in_plane.elements
     moduli = np.array([abs(e.weight) * np.abs(e.amplitudes).sum() for e in elements])
     low, high = np.array([np.reshape(e.outline.bounds, (2, -1)) for e in elements]).swapaxes(0, 1)
@@ -270,7 +267,10 @@ class Tile(NamedTuple):
 
 
 def _on_grid(function: Callable[..., Array]) -> Compute:
+    """Return a tile function that evaluates a function of points at all pairs of coordinates."""
+
     def values(source: PhaseSpaceSource, first: Floats, second: Floats, engine: Engine) -> Array:
+        """Return the values at all pairs of coordinates, one row for each first coordinate."""
         grid = np.stack(np.meshgrid(first, second, indexing="ij"), axis=-1)
         return np.asarray(function(source, grid, engine=engine))
 
@@ -278,7 +278,10 @@ def _on_grid(function: Callable[..., Array]) -> Compute:
 
 
 def _of_field(function: Callable[..., Array], is_transposed: bool) -> Compute:
+    """Return a tile function from a function of a field and the two coordinates of the tile."""
+
     def values(source: Any, first: Floats, second: Floats, engine: Engine) -> Array:
+        """Return the tile of a source, one row for each first coordinate."""
         field = field_of(source)
         return function(field.transposed() if is_transposed else field, first, second)
 
@@ -286,7 +289,10 @@ def _of_field(function: Callable[..., Array], is_transposed: bool) -> Compute:
 
 
 def _of_slits(function: Callable[..., Array]) -> Compute:
+    """Return a tile function that evaluates a phase-space function of slits."""
+
     def values(source: PhaseSpaceSource, first: Floats, second: Floats, engine: Engine) -> Array:
+        """Return the phase-space function, one row for each first coordinate."""
         result = function(source, first[:, None, None], second[None, :, None], engine=engine)
         is_uniform = isinstance(source, Slits) and source.illumination is None
         return np.asarray(result.real if is_uniform and function is autocorrelation else result)
@@ -294,17 +300,20 @@ def _of_slits(function: Callable[..., Array]) -> Compute:
     return values
 
 
-def _along_x(values: Floats, y: float = 0.0) -> Floats:
+def _points_on_row(values: Floats, y: float = 0.0) -> Floats:
+    """Return points (n, 2) with the specified x coordinates and a common y coordinate."""
     return np.stack([values, np.full_like(values, y)], axis=-1)
 
 
 def _shadow_product(field: PlaneField, x: Floats, xi_x: Floats) -> Array:
+    """Return the autocorrelation at (x, xi_x), integrated over y and xi_y, (P4)."""
     at = (x - field.centre[0])[:, None]
     ahead, behind = (column_integrals(field, (at + half).ravel()) for half in (xi_x / 2, -xi_x / 2))
     return (ahead * np.conj(behind)).reshape(len(x), len(xi_x))
 
 
 def _mirrored_overlap(field: PlaneField, x: Floats, xi_y: Floats) -> Array:
+    """Return the autocorrelation at (x, xi_y), integrated over y and xi_x, (P5)."""
     x = x - field.centre[0]
     if field.is_uniform:
         return mirrored_correlation(field, x, xi_y)
@@ -314,74 +323,83 @@ def _mirrored_overlap(field: PlaneField, x: Floats, xi_y: Floats) -> Array:
         behind = np.column_stack([np.full(len(xi_y), 2 * at), xi_y])
         regions = overlaps(field, unmoved, ((-1.0, 1.0), behind))
         points = behind * (0.5, 1.0)
-        spectra = mutual_spectra(field, regions, np.zeros(1), points, _of_columns)
+        spectra = mutual_spectra(field, regions, np.zeros(1), points, _pairing_of_columns)
         values[row] = 2 * spectra[:, 0]
     return values
 
 
-def _of_columns(first: Floats, second: Floats) -> tuple[Floats, Floats]:
+def _pairing_of_columns(first: Floats, second: Floats) -> tuple[Floats, Floats]:
     """Return the frequency shifts and phase rates of pairs of waves for formula (P5)."""
     shift = np.column_stack([first[:, 0] + second[:, 0], first[:, 1] - second[:, 1]])
     return shift, np.column_stack([-2 * second[:, 0], second[:, 1]])
 
 
 def _intensity(source: PhaseSpaceSource, grid: Floats, *, engine: Engine) -> Array:
+    """Return |u|^2 at positions, which is W integrated over the frequencies, (P6)."""
     return np.asarray(autocorrelation(source, grid, np.zeros(2), engine=engine).real)
 
 
 def _power_spectrum(source: PhaseSpaceSource, grid: Floats, *, engine: Engine) -> Array:
+    """Return |F|^2 at frequencies, which is W integrated over the positions, (P7)."""
     return _squared(fourier(source, grid, engine=engine))
 
 
 def _wigner_of_rows(field: PlaneField, x: Floats, nu_x: Floats) -> Array:
+    """Return the Wigner function at (x, nu_x), integrated over y and nu_y, (P8)."""
     x = x - field.centre[0]
     # The field on the overlap is Hermitian, so its Fourier transform is real.
-    ahead: Image = (2.0, 1.0), _along_x(-2 * x)
-    behind: Image = (-2.0, 1.0), _along_x(2 * x)
+    ahead: Image = (2.0, 1.0), _points_on_row(-2 * x)
+    behind: Image = (-2.0, 1.0), _points_on_row(2 * x)
     regions = overlaps(field, ahead, behind)
-    return mutual_spectra(field, regions, nu_x, x[:, None], _of_one_row).real
+    return mutual_spectra(field, regions, nu_x, x[:, None], _pairing_of_row).real
 
 
-def _of_one_row(first: Floats, second: Floats) -> tuple[Floats, Floats]:
+def _pairing_of_row(first: Floats, second: Floats) -> tuple[Floats, Floats]:
     """Return the frequency shifts and phase rates of pairs of waves for formula (P8)."""
     shift = np.column_stack([(first[:, 0] + second[:, 0]) / 2, first[:, 1] - second[:, 1]])
     return shift, first[:, :1] - second[:, :1]
 
 
 def _column_powers(field: PlaneField, x: Floats, nu_y: Floats) -> Array:
+    """Return the Wigner function at (x, nu_y), integrated over y and nu_x, (P9)."""
     return _squared(column_spectra(field, x - field.centre[0], nu_y))
 
 
 def _squared(values: Array) -> Array:
+    """Return the squared moduli of complex values."""
     return np.asarray(values.real**2 + values.imag**2)
 
 
 def _at_opposite_points(source: PhaseSpaceSource, grid: Floats, *, engine: Engine) -> Array:
+    """Return R(0, xi) at lags, which is A integrated over the frequency shifts, (P10)."""
     return np.asarray(autocorrelation(source, np.zeros(2), grid, engine=engine))
 
 
 def _spectrum_product(source: PhaseSpaceSource, grid: Floats, *, engine: Engine) -> Array:
+    """Return F(upsilon/2) F*(-upsilon/2), which is A integrated over the lags, (P11)."""
     ahead = fourier(source, grid / 2, engine=engine)
     return np.asarray(ahead * np.conj(fourier(source, -grid / 2, engine=engine)))
 
 
 def _ambiguity_of_rows(field: PlaneField, upsilon_x: Floats, xi_x: Floats) -> Array:
+    """Return the ambiguity function at (upsilon_x, xi_x), integrated over the others, (P12)."""
     x, y = field.centre.tolist()
-    ahead: Image = (1.0, 1.0), _along_x(-xi_x / 2, y)
-    behind: Image = (1.0, -1.0), _along_x(xi_x / 2, -y)
+    ahead: Image = (1.0, 1.0), _points_on_row(-xi_x / 2, y)
+    behind: Image = (1.0, -1.0), _points_on_row(xi_x / 2, -y)
     regions = overlaps(field, ahead, behind)
     points = np.column_stack([xi_x, np.full(len(xi_x), y)])
-    spectra = mutual_spectra(field, regions, upsilon_x, points, _of_opposite_rows)
+    spectra = mutual_spectra(field, regions, upsilon_x, points, _pairing_of_opposite_rows)
     return 2 * (spectra * phase(x, upsilon_x)).T
 
 
-def _of_opposite_rows(first: Floats, second: Floats) -> tuple[Floats, Floats]:
+def _pairing_of_opposite_rows(first: Floats, second: Floats) -> tuple[Floats, Floats]:
     """Return the frequency shifts and phase rates of pairs of waves for formula (P12)."""
     shift = np.column_stack([first[:, 0] - second[:, 0], first[:, 1] + second[:, 1]])
     return shift, np.column_stack([(first[:, 0] + second[:, 0]) / 2, second[:, 1] - first[:, 1]])
 
 
 def _opposite_columns(field: PlaneField, upsilon_y: Floats, xi_x: Floats) -> Array:
+    """Return the ambiguity function at (upsilon_y, xi_x), integrated over the others, (P13)."""
     x, y = field.centre.tolist()
     ahead, behind = (
         column_spectra(field, sign * xi_x / 2 - x, sign * upsilon_y / 2) for sign in (1.0, -1.0)
@@ -431,6 +449,7 @@ _OF_FIELD: dict[str, list[tuple[str, str, str, str, Callable[..., Any]]]] = {
 
 
 def _tiles_of(dimension: int, kind: str) -> dict[str, Tile]:
+    """Return the tiles of a phase-space function, with their names as keys."""
     letter = _LETTERS[kind]
     if dimension == 1:
         first, second, units, function = _SLITS[kind]

@@ -6,18 +6,19 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from polywigner import execution, kernels
-from polywigner.execution import Differentiable, Drjit, Engine, Precision
+from polywigner.execution import Differentiable, Engine, Precision
 from polywigner.geometry import Aperture, PlacedAperture, Wavefront
 from polywigner.geometry.arguments import Points
 from polywigner.geometry.illumination import shift_phases
 from polywigner.kernels import is_separable
-from polywigner.numerics import phases
+from polywigner.numerics import Floats, phases
 from polywigner.optics import FirstOrder
 from polywigner.source import Array, Illumination
 from polywigner.source.lattices import Sites, checked_sites
+from polywigner.source.normal_form import normal_form
 from polywigner.transforms.calls import compute, public
 from polywigner.transforms.checked_calls import (
     PhaseSpaceSource,
@@ -101,27 +102,26 @@ def fourier(
     if isinstance(source, Wavefront):
         return compute("fourier", source, {"nu": nu}, precision, engine)
     how: dict[str, Any] = {"precision": precision, "engine": engine}
+
+    def call(points: dict[str, Any]) -> Values:
+        """Return the transform at the points of one kind of array."""
+        return _fourier_of_flat(source, points["nu"], how)
+
     if isinstance(source, Differentiable) or execution.is_drjit(nu):
-        call = partial(_on_components, source, how)
         numbers = source.numbers if isinstance(source, Differentiable) else {}
         return execution.on_components(call, {"nu": nu}, numbers, precision, engine)
     with np.errstate(invalid="ignore", over="ignore"):
-        return _fourier(source, nu, how)
+        return call({"nu": nu})
 
 
-def _on_components(
-    source: Source | Differentiable, how: dict[str, Any], points: dict[str, Drjit]
-) -> Drjit:
+def _fourier_of_flat(source: Source | Differentiable, nu: Any, how: dict[str, Any]) -> Values:
+    """Return the Fourier transform of a source with a flat wave. ``how``: precision and engine."""
     if isinstance(source, Differentiable):
-        return fourier_of(source, in_plane(points["nu"]), partial(fourier, **how))
-    return _fourier(source, points["nu"], how)
-
-
-def _fourier(source: Source, nu: Any, how: dict[str, Any]) -> Values:
+        return fourier_of(source, in_plane(nu), partial(fourier, **how))
     if isinstance(source, Array):
         by_elements = partial(in_blocks, partial(_coherent_sum, source, how=how))
         value = None
-        is_uniform = all(_field_of(element) is None for element in source.elements)
+        is_uniform = all(_illumination_of(element) is None for element in source.elements)
         if source.repeated is None and is_uniform:
             value = array_on_grid(source, nu, point_by_point=by_elements, **how)
         return by_elements(nu) if value is None else value
@@ -129,12 +129,13 @@ def _fourier(source: Source, nu: Any, how: dict[str, Any]) -> Values:
         nu = in_plane(nu)
         if is_separable(source):
             return compute("fourier of waves", source, {"nu": nu}, **how)
-    if _field_of(source) is not None:
+    if _illumination_of(source) is not None:
         return in_blocks(lambda block: _sum_of_waves(source, block, how), nu)
     return compute("fourier", source, {"nu": nu}, **how)
 
 
-def _field_of(source: Source) -> Illumination | None:
+def _illumination_of(source: Source) -> Illumination | None:
+    """Return the plane waves of an aperture or slits; None for other sources and uniform fields."""
     outline = source.aperture if isinstance(source, PlacedAperture) else source
     field: Illumination | None = getattr(outline, "illumination", None)
     return field
@@ -142,23 +143,21 @@ def _field_of(source: Source) -> Illumination | None:
 
 def _sum_of_waves(source: Any, nu: Any, how: dict[str, Any]) -> Values:
     """Return the Fourier transform of a source with an illumination, as a sum over waves, (I1)."""
-    field, uniform = _field_of(source), source
-    assert field is not None
+    (element,) = normal_form(source).elements
+    uniform: Any = element.outline
     total: Values = 0.0
-    d = field.frequencies.shape[1]
+    d = element.frequencies.shape[1]
     rotation, shift = np.eye(d), np.zeros(d)
-    if isinstance(source, PlacedAperture):
-        rotation, shift = source.pose[:3, :2], source.pose[:3, 3]
-        uniform = source.aperture
-    centre = rotation @ np.atleast_1d(uniform.centre) + shift
-    uniform = uniform.with_illumination(None)
-    if isinstance(source, PlacedAperture):
-        uniform = uniform.placed(source.pose)
-    frequencies = field.frequencies @ rotation.T
+    centre = np.atleast_1d(uniform.centre)
+    if element.pose is not None:
+        rotation, shift = element.pose[:3, :2], element.pose[:3, 3]
+        uniform = uniform.placed(element.pose)
+    centre = rotation @ centre + shift
+    frequencies = element.frequencies @ rotation.T
     # Phases of waves are relative to the origin of the placed aperture, not to the world origin.
-    amplitudes = field.amplitudes * shift_phases(frequencies, shift)
+    amplitudes = element.amplitudes * shift_phases(frequencies, shift)
     for amplitude, kappa in zip(amplitudes, frequencies, strict=True):
-        shifted, lost = _difference(nu, kappa)
+        shifted, lost = _frequency_difference(nu, kappa)
         term = execution.times_complex(fourier(uniform, shifted, **how), complex(amplitude))
         if lost is not None:
             term = term * np.exp(-2j * np.pi * (lost @ centre)).astype(term.dtype)
@@ -166,7 +165,7 @@ def _sum_of_waves(source: Any, nu: Any, how: dict[str, Any]) -> Values:
     return total
 
 
-def _difference(nu: Any, kappa: NDArray[np.float64]) -> tuple[Values, NDArray[np.float64] | None]:
+def _frequency_difference(nu: Any, kappa: Floats) -> tuple[Values, Floats | None]:
     """Return nu - kappa and its rounding error, which matters for sources far from the origin."""
     if execution.is_drjit(nu):
         return execution.shifted(nu, -kappa), None
@@ -243,6 +242,7 @@ def array_factor(
     inner = None if rounded else precision
 
     def factor(nu: Any) -> Values:
+        """Return the array factor at a block of frequencies."""
         values = compute("array factor", sites, {"nu": nu}, inner, engine)
         return values.astype(np.complex64) if rounded else values
 

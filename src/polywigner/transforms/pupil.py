@@ -19,7 +19,6 @@ from polywigner.geometry.arguments import (
 )
 from polywigner.numerics import Floats
 from polywigner.source import Array
-from polywigner.source.array import PathLengths
 from polywigner.source.normal_form import normal_form
 from polywigner.transforms.aberrated_pupils import (
     TOLERANCE,
@@ -278,6 +277,7 @@ def mtf(
 
 
 def _checked_pupil(source: Any) -> PhaseSpaceSource:
+    """Return the source; raise IlluminationError if it is partially coherent."""
     pupil: PhaseSpaceSource = source
     if is_partly_coherent(source):
         raise IlluminationError(
@@ -340,7 +340,7 @@ def image_distance(focal_length: Any, numerical_aperture: Any, radius: float) ->
     sine = checked_number(numerical_aperture, "numerical_aperture", "a number from 0 to 1")
     if not 0.0 < sine <= 1.0:
         raise ArgumentError(
-            f"numerical_aperture must be above 0 and at most 1, got {sine:g}; in a medium "
+            f"expected numerical_aperture above 0 and up to 1, got {sine:g}; in a medium "
             "divide it and the wavelength by the refractive index"
         )
     return radius / sine
@@ -435,7 +435,10 @@ def strehl(
 
 
 def _strehl_ratio(pupil: AberratedPupil, tolerance: float) -> float:
+    """Return the Strehl ratio of a pupil at one wavelength."""
+
     def evaluate(extra: int) -> NDArray[np.complex128]:
+        """Return the integrals of u and of |u|, for a number of additional nodes."""
         total = np.zeros(2, np.complex128)
         for k, weight in enumerate(pupil.weights):
             for x, weights in pupil.rules(k, _NO_BAND, extra, tolerance):
@@ -486,23 +489,22 @@ def wavefront_error(source: Aperture | Array, aberration: Aberration | None = No
     paths = normal_form(source).paths
 
     def moments(extra: int) -> tuple[Floats, Floats]:
+        """Return the path lengths at quadrature nodes, and the weights of the nodes times |u|^2."""
         lengths, weights = [], []
         for k, amplitude in enumerate(pupil.weights):
             for x, areas in pupil.rules(k, _NO_BAND, 1 + extra, _PRECISE):
                 weights.append((areas * np.abs(amplitude * pupil.field(k, x)) ** 2).ravel())
-                lengths.append((pupil.cycles(x) + _path_of(paths, k, x)).ravel())
+                length = pupil.cycles(x)
+                if paths is not None:
+                    length = length + paths.wavelength * (paths.cycles[k] + x @ paths.slopes[k])
+                lengths.append(length.ravel())
         return np.concatenate(lengths), np.concatenate(weights)
 
     def evaluate(extra: int) -> Any:
+        """Return the weighted standard deviation of the path length in m."""
         lengths, weights = moments(extra)
         mean = weights @ lengths / weights.sum()
         return np.sqrt(weights @ np.square(lengths - mean) / weights.sum())
 
     largest = float(np.abs(moments(0)[0]).max()) or 1.0
     return float(converged(evaluate, _PRECISE * largest, "the wavefront error").values)
-
-
-def _path_of(paths: PathLengths | None, number: int, x: Floats) -> Floats | float:
-    if paths is None:
-        return 0.0
-    return paths.wavelength * np.asarray(paths.cycles[number] + x @ paths.slopes[number])

@@ -179,7 +179,10 @@ class Edges:
         return x, fractions * np.outer(length, weights)[..., None]
 
     def at_vertices(self, edge: Indices, terms: Complex) -> Complex:
-        """Return the sum of the end terms, times normals, of the edges that meet at each vertex."""
+        """Return for each vertex the sum of terms of the adjacent edges, times their normals.
+
+        ``terms`` contains two values for each edge, for its first and its second vertex.
+        """
         total = np.zeros((len(self.begin), 2, *terms.shape[:-2]), np.complex128)
         moments = terms[..., None] * self.normals[edge][:, None]
         np.add.at(total, self.ends[edge], np.moveaxis(moments, (-3, -2, -1), (0, 1, 2)))
@@ -191,12 +194,12 @@ def edges_of(pupil: AberratedPupil) -> list[Edges]:
     result, start = [], 0
     for element in pupil.elements:
         begin = np.concatenate(element.rings)
-        end = np.concatenate([np.roll(ring, -1, axis=0) for ring in element.rings])
         first = np.arange(len(begin))
         sizes = np.cumsum([len(ring) for ring in element.rings])
         second = np.concatenate([np.roll(part, -1) for part in np.split(first, sizes[:-1])])
         vertices = slice(start, start + len(begin))
-        result.append(Edges(begin, end - begin, np.stack([first, second], axis=1), vertices))
+        ends = np.stack([first, second], axis=1)
+        result.append(Edges(begin, begin[second] - begin, ends, vertices))
         start += len(begin)
     return result
 
@@ -211,31 +214,34 @@ def autocorrelation_jets(
     finite = np.isfinite(lags).all(axis=1, keepdims=True)
     lags = np.where(finite, lags, 0.0)
     jets = [
-        _autocorrelation_jets(pupil, lags[start : start + _LAGS], numbers, tolerance)
+        _jets_of_block(pupil, lags[start : start + _LAGS], numbers, tolerance)
         for start in range(0, max(len(lags), 1), _LAGS)
     ]
     return np.where(finite, np.concatenate(jets), np.nan)
 
 
-def _autocorrelation_jets(
+def _jets_of_block(
     pupil: AberratedPupil, lags: Floats, numbers: PupilNumbers, tolerance: float
 ) -> Jets:
+    """Return the autocorrelation integral at a block of finite lags, with derivatives."""
     regions = slices_of(pupil, lags)
 
     def evaluate(extra: int) -> Complex:
+        """Return the integrals at all lags, for a number of additional nodes."""
         return by_lag(regions, slice_integrals(pupil, regions, extra, tolerance))[0]
 
     values = converged(evaluate, tolerance * pupil.energy, "the OTF").values
-    return numbers.joined(values, _OfSlices(pupil, regions, tolerance))
+    return numbers.joined(values, _AutocorrelationDerivatives(pupil, regions, tolerance))
 
 
 @dataclass(frozen=True, eq=False)
-class _OfSlices:
+class _AutocorrelationDerivatives:
     pupil: AberratedPupil
     regions: Slices
     error: float
 
     def vertices(self) -> Complex:
+        """Return the derivatives with respect to the vertices, shape (lags, vertices, 2)."""
         regions, edges = self.regions, edges_of(self.pupil)
         total = np.zeros((len(regions.lags), edges[-1].vertices.stop, 2), np.complex128)
         pairs = zip(regions.row, regions.first, regions.second, regions.weights, strict=True)
@@ -256,7 +262,7 @@ class _OfSlices:
         """
         pupil, moving = self.pupil, edges[one]
         near = _NEAR * float(np.abs(pupil.polygons[one].bounds).max())
-        parts, inside = _pieces(moving, edges[other], shift, pupil.polygons[other], near)
+        parts, inside = _parts_inside(moving, edges[other], shift, pupil.polygons[other], near)
         if not len(inside):
             return np.zeros(moving.begin.shape, np.complex128)
         band = np.ptp(np.concatenate([e.frequencies for e in pupil.elements]), axis=0)
@@ -267,6 +273,7 @@ class _OfSlices:
         return moving.at_vertices(parts[0], np.einsum("km,kme->ke", values, weights))
 
     def weights(self) -> tuple[Complex, Complex]:
+        """Return the derivatives with respect to weights and to their complex conjugates."""
         regions, weights = self.regions, self.pupil.weights
         (integrals,) = slice_integrals(self.pupil, regions, _EXTRA, self.error)
         both = np.zeros((2, len(regions.lags), len(weights)), np.complex128)
@@ -276,22 +283,27 @@ class _OfSlices:
         return both[0], both[1]
 
     def coefficients(self) -> Complex:
+        """Return the derivatives with respect to the aberration coefficients."""
         pupil, regions, path = self.pupil, self.regions, self.pupil.aberration
         assert path is not None
 
         def factors(ahead: Floats, behind: Floats) -> Floats:
+            """Return the difference of each aberration term between two points."""
             return path.modes(*ahead.T) - path.modes(*behind.T)
 
         integrals = slice_integrals(pupil, regions, _EXTRA, self.error, factors)
         return by_lag(regions, integrals).T * (2j * np.pi / pupil.wavelength)
 
 
-def _pieces(
+def _parts_inside(
     edges: Edges, others: Edges, shift: Floats, polygon: Any, near: float
 ) -> tuple[Parts, Floats]:
-    """Return the parts of edges inside a shifted polygon (factor 1) or on its edges (1/2)."""
+    """Return the parts of shifted edges inside a polygon (factor 1) or on its boundary (1/2).
+
+    ``others`` are the edges of the polygon.
+    """
     begin, vector = edges.begin + shift, edges.vector
-    edge, cut = _cuts(begin, vector, others, near)
+    edge, cut = _edge_cuts(begin, vector, others, near)
     is_part = (edge[1:] == edge[:-1]) & (cut[1:] > cut[:-1])
     edge, low, high = edge[:-1][is_part], cut[:-1][is_part], cut[1:][is_part]
     midpoint = begin[edge] + 0.5 * (low + high)[:, None] * vector[edge]
@@ -303,8 +315,8 @@ def _pieces(
     return (edge[used], low[used], high[used]), inside[used]
 
 
-def _cuts(begin: Floats, vector: Floats, others: Edges, near: float) -> tuple[Indices, Floats]:
-    """Return the sorted edge indices and fractions at which edges end or cross another polygon."""
+def _edge_cuts(begin: Floats, vector: Floats, others: Edges, near: float) -> tuple[Indices, Floats]:
+    """Return where edges start, end, or cross other edges: edge indices and fractions, sorted."""
     away = others.begin - begin[:, None]
     cross = vector[:, None, 0] * others.vector[:, 1] - vector[:, None, 1] * others.vector[:, 0]
     along = away[..., 0] * others.vector[:, 1] - away[..., 1] * others.vector[:, 0]

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from polywigner.execution import NumpyOperations
 from polywigner.geometry import Aperture
+from polywigner.geometry.hidden_parts import edges_around
 from polywigner.geometry.parts import shifted
 from polywigner.numerics import Complex, Floats, Indices, cluster_indices
 from polywigner.numerics.phases import (
@@ -98,7 +99,7 @@ class Sections:
 
 
 @dataclass(frozen=True)
-class _Upright:
+class _EdgesFromLeft:
     """All edges of a field that are not vertical, directed from left to right."""
 
     left: Floats
@@ -108,7 +109,8 @@ class _Upright:
     element: Indices
 
 
-def _upright(field: PlaneField) -> _Upright:
+def _edges_from_left(field: PlaneField) -> _EdgesFromLeft:
+    """Return the edges of a field that are not vertical, directed from left to right."""
     rings = [(k, ring) for k, element in enumerate(field.elements) for ring in element.rings]
     start = np.concatenate([ring for _, ring in rings])
     end = np.concatenate([np.roll(ring, -1, axis=0) for _, ring in rings])
@@ -118,10 +120,11 @@ def _upright(field: PlaneField) -> _Upright:
     start, end, element, run = start[used], end[used], element[used], run[used]
     forward = run[:, None] > 0
     left, right = np.where(forward, start, end), np.where(forward, end, start)
-    return _Upright(left, right, np.sign(run) * field.weights[element], element)
+    return _EdgesFromLeft(left, right, np.sign(run) * field.weights[element], element)
 
 
-def _height(left: Floats, right: Floats, x: Floats) -> Floats:
+def _y_on_line(left: Floats, right: Floats, x: Floats) -> Floats:
+    """Return the y coordinate at ``x`` of the line through the points ``left`` and ``right``."""
     fraction = (x - left[..., 0]) / (right[..., 0] - left[..., 0])
     return left[..., 1] * (1 - fraction) + right[..., 1] * fraction
 
@@ -131,9 +134,9 @@ def sections(field: PlaneField, x: Floats) -> Sections:
 
     At a vertical edge, the intervals are those to the right of the edge.
     """
-    edges = _upright(field)
+    edges = _edges_from_left(field)
     row, edge = np.nonzero((edges.left[:, 0] <= x[:, None]) & (x[:, None] < edges.right[:, 0]))
-    height = _height(edges.left[edge], edges.right[edge], x[row])
+    height = _y_on_line(edges.left[edge], edges.right[edge], x[row])
     order = np.lexsort((height, edges.element[edge], row))
     # With increasing y, edges alternately enter and leave an outline.
     below, above = order[0::2], order[1::2]
@@ -143,7 +146,10 @@ def sections(field: PlaneField, x: Floats) -> Sections:
 
 
 def _section_spectra(intervals: Sections, nu: Floats) -> Complex:
+    """Return the Fourier transforms of weighted intervals, one row for each position x."""
+
     def term(chosen: Indices) -> tuple[Floats, Floats]:
+        """Return the real part and the negative imaginary part for the chosen intervals."""
         low, high = intervals.low[chosen, None], intervals.high[chosen, None]
         cosine, sine = mean_plane_wave(_OPS, nu * low, nu * high)
         factor = intervals.weight[chosen, None] * (high - low)
@@ -155,7 +161,11 @@ def _section_spectra(intervals: Sections, nu: Floats) -> Complex:
 def _row_sums(
     row: Indices, count: int, columns: int, term: Callable[[Indices], tuple[Floats, Floats]]
 ) -> Complex:
-    """Return sums of cosine - i sine over the entries of each row; ``row`` must be ascending."""
+    """Return sums of cosine - i sine over all entries of a row, shape (count, columns).
+
+    ``row`` contains the ascending row of each entry. ``term`` returns cosine and sine for the
+    indices of entries.
+    """
     total = np.zeros((count, columns), np.complex128)
     rank = np.arange(len(row)) - np.searchsorted(row, row)
     for k in range(rank.max(initial=-1) + 1):
@@ -191,7 +201,7 @@ def column_integrals(field: PlaneField, x: Floats) -> NDArray[Any]:
 
 
 def phase(centre: float, nu: Floats) -> Complex:
-    """Return exp(-2 pi i nu centre), computed from error-free products."""
+    """Return exp(-2 pi i nu centre) for frequencies (n,), from error-free products."""
     cosine, sine = cos_sin_cycles(_OPS, cycles_to_centre(_OPS, (centre,), nu))
     return np.asarray(cosine - 1j * sine)
 
@@ -220,7 +230,7 @@ def overlaps(field: PlaneField, ahead: Image, behind: Image) -> Overlaps:
     The weight of an intersection is the weight of its first element times the conjugate of the
     weight of its second element.
     """
-    images, others = _images(field, *ahead), _images(field, *behind)
+    images, others = _image_polygons(field, *ahead), _image_polygons(field, *behind)
     pairs = [
         np.nonzero(((a[:, None, :2] < b[:, 2:]) & (b[:, :2] < a[:, None, 2:])).all(axis=-1))
         for a, b in zip(shapely.bounds(images), shapely.bounds(others), strict=True)
@@ -229,34 +239,17 @@ def overlaps(field: PlaneField, ahead: Image, behind: Image) -> Overlaps:
     first, second = (np.concatenate([pair[k] for pair in pairs]) for k in (0, 1))
     pieces = shapely.intersection(images[row, first], others[row, second])
     weight = field.weights[first] * np.conj(field.weights[second])
-    begin, end, owner, _ = edges_of(pieces)
+    owner, begin, end = edges_around(pieces)
     return Overlaps(len(images), row[owner], begin, end, weight[owner], first[owner], second[owner])
 
 
-def _images(field: PlaneField, scale: tuple[float, float], shifts: Floats) -> NDArray[Any]:
+def _image_polygons(field: PlaneField, scale: tuple[float, float], shifts: Floats) -> NDArray[Any]:
+    """Return the polygons of elements, scaled and then shifted, shape (shifts, elements)."""
     outlines: list[Any] = [element.outline for element in field.elements]
     polygons: NDArray[Any] = np.array([outline.polygons for outline in outlines], dtype=object)
     scaled = shapely.transform(polygons, lambda points: points * scale)
     copies = shifted(np.tile(scaled, len(shifts)), np.repeat(shifts, len(polygons), axis=0))
     return copies.reshape(len(shifts), len(polygons))
-
-
-def edges_of(geometries: NDArray[Any]) -> tuple[Floats, Floats, Indices, Floats]:
-    """Return the edges of all polygons in an array of geometries.
-
-    The results are the start and the end of each edge, the index of its geometry, and the first
-    corner of its ring. Holes run clockwise.
-    """
-    parts, index = shapely.get_parts(geometries, return_index=True)
-    inner, outer = shapely.get_parts(parts, return_index=True)
-    plane = shapely.get_type_id(inner) == shapely.GeometryType.POLYGON
-    polygons, owner = shapely.orient_polygons(inner[plane]), index[outer[plane]]
-    rings, polygon = shapely.get_rings(polygons, return_index=True)
-    points, ring = shapely.get_coordinates(rings, return_index=True)
-    edge = np.flatnonzero(ring[1:] == ring[:-1])
-    ring_of = ring[edge]
-    first = points[np.searchsorted(ring, ring_of)]
-    return points[edge], points[edge + 1], owner[polygon[ring_of]], first
 
 
 def _overlap_spectra(regions: Overlaps, nu: Floats, nu_y: float = 0.0) -> Complex:
@@ -265,6 +258,7 @@ def _overlap_spectra(regions: Overlaps, nu: Floats, nu_y: float = 0.0) -> Comple
     factor = regions.weight * (begin[:, 0] * end[:, 1] - begin[:, 1] * end[:, 0])
 
     def term(chosen: Indices) -> tuple[Floats, Floats]:
+        """Return the real part and the negative imaginary part for the chosen edges."""
         cycles = [nu * v[chosen, :1] + nu_y * v[chosen, 1:] for v in (begin, end)]
         cosine, sine = simplex_plane_wave(_OPS, *cycles)
         return cosine * factor[chosen, None], sine * factor[chosen, None]
@@ -283,19 +277,20 @@ def mutual_spectra(
     if field.is_uniform:
         return _overlap_spectra(regions, nu)
     total = np.zeros((regions.count, len(nu)), np.complex128)
-    for mutual, first, second in _by_pair(regions, len(field.elements)):
+    for mutual, first, second in _overlaps_by_pair(regions, len(field.elements)):
         ahead, behind = field.elements[first], field.elements[second]
         i, j = (k.ravel() for k in np.indices((len(ahead.amplitudes), len(behind.amplitudes))))
         shifts, rates = pairing(ahead.frequencies[i], behind.frequencies[j])
         amplitudes = ahead.amplitudes[i] * behind.amplitudes[j].conj()
-        for shift, members in _groups(shifts):
+        for shift, members in _distinct_shifts(shifts):
             envelope = np.exp(2j * np.pi * (points @ rates[members].T)) @ amplitudes[members]
             weighted = replace(mutual, weight=mutual.weight * envelope[mutual.row])
             total += _overlap_spectra(weighted, nu - shift[0], -shift[1])
     return total
 
 
-def _by_pair(regions: Overlaps, elements: int) -> Iterator[tuple[Overlaps, int, int]]:
+def _overlaps_by_pair(regions: Overlaps, elements: int) -> Iterator[tuple[Overlaps, int, int]]:
+    """Yield the overlaps of each pair of elements, and the indices of both elements."""
     pair = regions.first * elements + regions.second
     for number in np.unique(pair).tolist():
         members = np.flatnonzero(pair == number)
@@ -306,7 +301,8 @@ def _by_pair(regions: Overlaps, elements: int) -> Iterator[tuple[Overlaps, int, 
         yield replace(regions, **arrays), first, second
 
 
-def _groups(shifts: Floats) -> Iterator[tuple[list[float], Indices]]:
+def _distinct_shifts(shifts: Floats) -> Iterator[tuple[list[float], Indices]]:
+    """Yield each distinct frequency shift, and the indices of the pairs of waves that have it."""
     number = cluster_indices(shifts, _EQUAL * float(np.abs(shifts).max()))
     for k in range(number.max() + 1):
         members = np.flatnonzero(number == k)
@@ -319,7 +315,7 @@ def mirrored_correlation(field: PlaneField, x: Floats, lag: Floats) -> NDArray[A
     The image is reflected about the vertical line at x, moved up by the lag, and conjugated, (P5).
     The result has one row for each x and one column for each lag.
     """
-    edges = _upright(field)
+    edges = _edges_from_left(field)
     left, right = edges.left, edges.right
     values = np.zeros((len(x), len(lag)), edges.step.dtype)
     for row, abscissa in enumerate(x):
@@ -329,7 +325,7 @@ def mirrored_correlation(field: PlaneField, x: Floats, lag: Floats) -> NDArray[A
         i, j = np.nonzero(low < high)
         begin, end = low[i, j], high[i, j]
         rise = [
-            _height(left[i], right[i], at) - _height(left[j], right[j], 2 * abscissa - at)
+            _y_on_line(left[i], right[i], at) - _y_on_line(left[j], right[j], 2 * abscissa - at)
             for at in (begin, end)
         ]
         weight = -edges.step[i] * np.conj(edges.step[j]) * (end - begin)

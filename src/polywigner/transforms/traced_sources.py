@@ -6,7 +6,6 @@ from collections.abc import Callable
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from polywigner import execution, kernels
 from polywigner.errors import ArgumentError, GeometryError
@@ -14,7 +13,9 @@ from polywigner.execution import Differentiable, Drjit, is_drjit
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import DrJitArray
 from polywigner.geometry.rings import signed_area
+from polywigner.numerics import Complex, Floats
 from polywigner.source import Array, Illumination
+from polywigner.source.array import repeated_element
 
 PlainFourier = Callable[[Aperture, Drjit], Drjit]
 """Function (source without Dr.Jit arrays, nu) that returns the Fourier transform of the source."""
@@ -25,7 +26,7 @@ def check_no_drjit(**arguments: object) -> None:
     for name, value in arguments.items():
         if isinstance(value, Differentiable) or is_drjit(value):
             raise ArgumentError(
-                f"{name} must be made of NumPy arrays, got a Dr.Jit {type(value).__name__}; "
+                f"expected {name} to be made of NumPy arrays, got a Dr.Jit {type(value).__name__}; "
                 "convert it (.numpy()), and see docs/gradients.md for functions with "
                 "derivatives"
             )
@@ -109,6 +110,10 @@ def differentiable(
 def _with_vertices(
     source: Aperture | Array | None, vertices: Drjit
 ) -> tuple[Aperture | Array, Drjit]:
+    """Return a source with the values of Dr.Jit vertices, and the vertices.
+
+    Without a source, the vertices form a ring. They are reversed if the ring is clockwise.
+    """
     points = execution.columns_of(vertices)
     if source is None:
         if len(points) > 2 and np.isfinite(points).all() and signed_area(points) < 0:
@@ -116,7 +121,7 @@ def _with_vertices(
                 execution.entries(vertices, np.arange(len(points))[::-1]),
                 points[::-1],
             )
-        return _of_rings([[points]], None), vertices
+        return _aperture_of_rings([[points]], None), vertices
     elements = source.elements_in_plane
     ends = np.cumsum([sum(len(ring) for ring in element.rings) for element in elements])
     if len(points) != ends[-1]:
@@ -124,24 +129,23 @@ def _with_vertices(
             f"expected {ends[-1]} vertices, the number of vertices of the source, got {len(points)}"
         )
     corners = np.split(points, ends[:-1])
-    moved = [_moved(element, part) for element, part in zip(elements, corners, strict=True)]
+    moved = [_with_points(element, part) for element, part in zip(elements, corners, strict=True)]
     if isinstance(source, Aperture):
         return moved[0], vertices
     return Array(moved, source.weights), vertices
 
 
-def _moved(aperture: Aperture, points: NDArray[np.float64]) -> Aperture:
+def _with_points(aperture: Aperture, points: Floats) -> Aperture:
+    """Return an aperture with other vertices (n, 2), in the order of its rings."""
     parts = aperture._parts
     ends = np.cumsum([len(ring) for ring in aperture.rings])
     rings = np.split(points, ends[:-1])
     holes = iter(rings[len(parts) :])
     regrouped = [[rings[k], *(next(holes) for _ in part[1:])] for k, part in enumerate(parts)]
-    return _of_rings(regrouped, aperture.illumination)
+    return _aperture_of_rings(regrouped, aperture.illumination)
 
 
-def _of_rings(
-    parts: list[list[NDArray[np.float64]]], illumination: Illumination | None
-) -> Aperture:
+def _aperture_of_rings(parts: list[list[Floats]], illumination: Illumination | None) -> Aperture:
     """Return an aperture that keeps all vertices. Raises GeometryError if it is invalid."""
     for part in parts:
         for number, ring in enumerate(part):
@@ -158,18 +162,17 @@ def _of_rings(
     return result.with_illumination(illumination)
 
 
-def _with_weights(source: Aperture | Array | None, weights: NDArray[np.complex128]) -> Array:
+def _with_weights(source: Aperture | Array | None, weights: Complex) -> Array:
+    """Return an array with other weights; raise ArgumentError for an aperture."""
     if not isinstance(source, Array):
         raise ArgumentError("expected an Array for weights, got an Aperture")
     if source.repeated is not None:
-        from polywigner.source.array import repeated_element
-
         return repeated_element(*source.repeated, weights)
     return Array(source.elements, weights)
 
 
 def fourier_of(source: Differentiable, nu: Drjit, plain: PlainFourier) -> Drjit:
-    """Return the Fourier transform of a source with Dr.Jit arrays.
+    """Return the Fourier transform of a source with Dr.Jit vertices or weights.
 
     The transform is a sum over all plane waves on all elements, (C1) and (I1).
     """
@@ -185,7 +188,7 @@ def fourier_of(source: Differentiable, nu: Drjit, plain: PlainFourier) -> Drjit:
         if corners is not None and is_array:
             corners = execution.entries(corners, np.arange(start, end))
         start = end
-        value = _of_waves(Differentiable(element, corners), nu)
+        value = _fourier_of_element(Differentiable(element, corners), nu)
         if source.weights is not None:
             value = value * execution.entries(source.weights, np.array([number]))
         elif is_array:
@@ -194,7 +197,8 @@ def fourier_of(source: Differentiable, nu: Drjit, plain: PlainFourier) -> Drjit:
     return total
 
 
-def _of_waves(element: Differentiable, nu: Drjit) -> Drjit:
+def _fourier_of_element(element: Differentiable, nu: Drjit) -> Drjit:
+    """Return the Fourier transform of an element with Dr.Jit vertices, summed over its waves."""
     field = element.source.illumination or Illumination([1.0], [(0.0, 0.0)])
     uniform = Differentiable(element.source.with_illumination(None), element.vertices)
     total = 0.0

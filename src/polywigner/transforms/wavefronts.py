@@ -21,7 +21,7 @@ from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.geometry import Aperture, Slits, Wavefront
 from polywigner.geometry.rings import sides_of
 from polywigner.numerics import Complex, Floats
-from polywigner.numerics.chirps import chirp_over_intervals, chirp_over_rings
+from polywigner.numerics.chirps import chirp_over_intervals, chirp_over_rings, waves_of_cycles
 from polywigner.numerics.nodes import gaussian_product_rule
 from polywigner.source.normal_form import normal_form
 from polywigner.transforms.checked_calls import Values, broadcast_shape
@@ -81,31 +81,36 @@ def chirp_transform(source: Any, q: Floats, axes: Floats, centre: Floats, nu: Fl
         for element in normal_form(source).in_plane.elements:
             waves = zip(element.amplitudes.tolist(), element.frequencies, strict=True)
             for amplitude, kappa in waves:
-                value = _uniform(element.outline, curvatures, axes, centre, nu - kappa)
+                value = _chirp_of_outline(element.outline, curvatures, axes, centre, nu - kappa)
                 total += (element.weight * amplitude) * value
     return total
 
 
-def _uniform(
+def _chirp_of_outline(
     element: Aperture | Slits, q: Floats, axes: Floats, centre: Floats, nu: Floats
 ) -> Complex:
+    """Return the :func:`chirp_transform` of one uniform outline. ``q`` has the shape of ``nu``."""
     origin = np.atleast_1d(np.asarray(element.centre, dtype=np.float64))
     away = (origin - centre) @ axes
     inner = nu @ axes - q * away
     cycles = ((q * away) @ away) / 2 - nu @ origin
-    phase = np.exp(2j * math.pi * (cycles - np.round(cycles)))
+    phase = waves_of_cycles(cycles)
     values = np.empty(len(nu), np.complex128)
     largest = np.argmax(np.abs(q), axis=1)
     for axis in range(q.shape[1]):
         rows = np.flatnonzero(largest == axis)
         if len(rows):
-            values[rows] = _bent(element, origin, axes, axis, q[rows], inner[rows])
+            values[rows] = _centred_chirp(element, origin, axes, axis, q[rows], inner[rows])
     return np.asarray(phase * values)
 
 
-def _bent(
+def _centred_chirp(
     element: Aperture | Slits, origin: Floats, axes: Floats, axis: int, q: Floats, nu: Floats
 ) -> Complex:
+    """Return the chirp transform of an outline whose coordinates are relative to ``origin``.
+
+    ``axis`` is the index of the principal axis with the largest curvature.
+    """
     if isinstance(element, Slits):
         return chirp_over_intervals(element.intervals - origin, q[:, 0], nu[:, 0])
     order = [axis, 1 - axis]
@@ -137,8 +142,8 @@ def tilts_of(source: Wavefront, error: float, longest: float = math.inf) -> tupl
     too many tilts.
     """
     sides = sides_of(source.bounds)
-    reaches = np.minimum(sides, longest) / source.coherence_width
-    if math.prod(1.0 + reaches) > kernels.MOST_WIDTHS:
+    lags_in_widths = np.minimum(sides, longest) / source.coherence_width
+    if math.prod(1.0 + lags_in_widths) > kernels.MOST_WIDTHS:
         least = (math.prod(sides.tolist()) / kernels.MOST_WIDTHS) ** (1 / len(sides))
         raise ArgumentError(
             f"expected a coherence width of at least {least:.3g} m for a source of "
@@ -146,7 +151,7 @@ def tilts_of(source: Wavefront, error: float, longest: float = math.inf) -> tupl
             f"{source.coherence_width:.3g} m, which would need too many tilts; "
             "polywigner.wigner accepts any width, except for arrays of hundreds of elements"
         )
-    nodes, weights = gaussian_product_rule(tuple(reaches.tolist()), error)
+    nodes, weights = gaussian_product_rule(tuple(lags_in_widths.tolist()), error)
     return nodes / (2 * math.pi * source.coherence_width), weights
 
 
@@ -158,7 +163,11 @@ def within_widths(
     nu: Any,
     double: bool,
 ) -> Values:
-    """Return W for any coherence width; ``closed_form(source, x, nu)`` has a largest width."""
+    """Return the Wigner function of a source with any coherence width.
+
+    ``closed_form(source, x, nu)`` is accurate up to a largest width. Beyond this width, the result
+    is extrapolated from the value at this width and from ``of_coherent(x, nu)``.
+    """
     most, width = _WIDEST[double] * math.hypot(*sides_of(wave.bounds)), wave.coherence_width
     values = closed_form(wave._with(coherence_width=min(width, most)), x, nu)
     if width <= most:
@@ -180,6 +189,7 @@ def mean_over_tilts(
     shape = broadcast_shape(arrays)
 
     def mean(*parts: Any) -> Values:
+        """Return the mean for points that fit into memory with all tilts."""
         *positions, frequency = parts
         spread = [points[..., None, :] for points in positions]
         values = evaluate(*spread, frequency[..., None, :] - tilts)

@@ -27,7 +27,7 @@ from polywigner.source import Array
 def labelled_array(
     values: ArrayLike, dims: Sequence[str], attrs: Mapping[str, Any] | None = None
 ) -> xarray.Variable:
-    """Return a DataArray with named axes and attributes, such as the unit."""
+    """Return an xarray variable with named axes and attributes, such as the unit."""
     import xarray
 
     return xarray.Variable(tuple(dims), values, dict(attrs or {}))
@@ -90,8 +90,11 @@ def takes_xarray(
     """
 
     def decorate(function: F) -> F:
+        """Return a function that also accepts DataArrays."""
+
         @wraps(function)
         def wrapper(*args: Any, **kwargs: Any) -> object:
+            """Call the function, and return DataArrays if any point is a DataArray."""
             kind = getattr(sys.modules.get("xarray"), "DataArray", None)
             if kind is None or not any(isinstance(v, kind) for v in (*args, *kwargs.values())):
                 return function(*args, **kwargs)
@@ -135,6 +138,11 @@ def _labelled(
     names: Mapping[str, str],
     components: Mapping[str, Sequence[str]],
 ) -> xarray.DataArray | tuple[xarray.DataArray, ...]:
+    """Call a function with DataArrays as points, and return DataArrays.
+
+    ``fixed`` contains the module and the name of the function, the names of its points, and its
+    other arguments. ``names`` contains the long names of the results.
+    """
     xarray = sys.modules["xarray"]
     others = fixed[-1]
     if isinstance(others.get("source"), Differentiable):
@@ -142,7 +150,7 @@ def _labelled(
             f"expected {' and '.join(points)} to be NumPy or Dr.Jit arrays for a differentiable "
             "source, got an xarray.DataArray; use its attribute .values"
         )
-    prepared = [_prepared(name, value, xarray.DataArray) for name, value in points.items()]
+    prepared = [_with_dimension(name, value, xarray.DataArray) for name, value in points.items()]
     labelled = [value for value in prepared if isinstance(value, xarray.DataArray)]
     try:
         xarray.align(*labelled, join="exact", copy=False)
@@ -167,7 +175,7 @@ def _labelled(
     values = xarray.apply_ufunc(
         call,
         *prepared,
-        input_core_dims=[[_dimension(name)] for name in points],
+        input_core_dims=[[_component_dimension(name)] for name in points],
         output_core_dims=[list(components)] * len(names),
         # Coordinates keep their attributes. The attributes of results are replaced below.
         keep_attrs="override",
@@ -184,11 +192,13 @@ def _labelled(
     return tuple(results) if len(results) > 1 else results[0]
 
 
-def _dimension(name: str) -> str:
+def _component_dimension(name: str) -> str:
+    """Return the name of the dimension that contains the components of an argument."""
     return f"components of {name}"
 
 
-def _prepared(name: str, value: Any, kind: type) -> xarray.DataArray | NDArray[Any]:
+def _with_dimension(name: str, value: Any, kind: type) -> xarray.DataArray | NDArray[Any]:
+    """Return a DataArray whose last dimension is renamed, or one point as a NumPy array."""
     if not isinstance(value, kind):
         try:
             is_point = not is_drjit(value) and np.ndim(value) == 1
@@ -210,11 +220,12 @@ def _prepared(name: str, value: Any, kind: type) -> xarray.DataArray | NDArray[A
         )
     last = data.dims[-1]
     plain = data.drop_vars([c for c in data.coords if last in data.coords[c].dims])
-    plain = plain.rename({last: _dimension(name)})
-    return plain if plain.chunks is None else plain.chunk({_dimension(name): -1})
+    plain = plain.rename({last: _component_dimension(name)})
+    return plain if plain.chunks is None else plain.chunk({_component_dimension(name): -1})
 
 
 def _dtypes_of(call: Callable[..., Any], values: Sequence[Any]) -> list[np.dtype[Any]]:
+    """Return the data types of the results of a function, which is called without points."""
     empty = [
         np.empty((0, v.shape[-1]), v.dtype) if hasattr(v, "dims") else np.asarray(v) for v in values
     ]
