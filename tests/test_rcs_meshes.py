@@ -11,7 +11,7 @@ import pytest
 import shapely
 
 import polywigner as pw
-from oracles.meshes import BOX, block, drone, joined, moved, section_root, torus, towards
+from oracles.meshes import BOX, block, drone, joined, moved, prism, section_root, torus, towards
 from oracles.scan_lines import visible_lengths
 from polywigner.errors import ArgumentError, PolywignerWarning
 from polywigner.geometry import hidden_parts
@@ -42,6 +42,35 @@ def test_beams_are_followed_between_all_parts_of_a_drone(
         sigma = pw.rcs(drone(sides), towards(polar, azimuth), 0.03, bounces=bounces)
     assert sigma > 0
     assert not any("cannot be computed" in str(warning.message) for warning in result)
+
+
+def test_parts_that_meet_in_a_vertex_or_beside_a_sliver_shade_each_other() -> None:
+    cubes = [BOX, moved(BOX, *np.ptp(BOX.vertices, axis=0))]
+    vertices, index = np.unique(joined(cubes).vertices, axis=0, return_inverse=True)
+    assert len(vertices) == 15
+    pair = pw.Polyhedron(vertices, index.ravel()[joined(cubes).triangles])
+    ring = [(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)]
+    corner = prism(ring, 0.0, 1.0)
+    # A triangle without area on the concave edge, from (1, 1, 0) to (1, 1, 1).
+    inserted = [*corner.vertices, (1, 1, 0.5)]
+    faces = [face if set(face) != {2, 3, 8, 9} else (2, 3, 12, 9, 8) for face in corner.faces]
+    sliver = pw.Polyhedron(inserted, [*faces, (3, 9, 12)])
+    k = towards(50, 40), towards(70, 80), towards(60, 130), towards(40, 230)
+    for body, parts in ((pair, cubes), (sliver, corner)):
+        assert facets_of(body).casts_shadows
+        assert pw.rcs(body, k, 0.1) == pytest.approx(pw.rcs(parts, k, 0.1), rel=ROUNDING, abs=0.0)
+
+
+def test_orientation_of_a_small_polygon_does_not_depend_on_its_distance() -> None:
+    side = 1e-9
+    corners = 1 + np.random.default_rng(3).random((50, 2))
+    squares = np.array(
+        [shapely.box(x, y, x + side, y + side, ccw=k % 2 == 0) for k, (x, y) in enumerate(corners)]
+    )
+    owner, begin, end = hidden_parts.edges_around(squares)
+    begin, end = begin - corners[owner], end - corners[owner]
+    areas = np.bincount(owner, begin[:, 0] * end[:, 1] - begin[:, 1] * end[:, 0])
+    assert (areas > 0).all()
 
 
 def lit_lengths(body: Any, k: np.ndarray, angle: float, height: float) -> np.ndarray:

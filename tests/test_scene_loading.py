@@ -12,7 +12,7 @@ import pytest
 
 from cli_scenes import PATH, receiver, rectangle, scene, source, written
 from mitsuba_scenes import METAL, MIRROR, SQUARE, WAVELENGTH, facing, scene_of, use
-from polywigner.errors import ArgumentError, SceneError
+from polywigner.errors import ArgumentError, FileFormatError, SceneError
 
 pytestmark = [pytest.mark.drjit, pytest.mark.llvm, pytest.mark.usefixtures("few_rays")]
 pm = pytest.importorskip("polywigner.mitsuba")
@@ -113,6 +113,15 @@ def test_mirrors_of_one_bsdf_keep_their_names_in_files_and_dictionaries(tmp_path
     for given in (corridor(), text_of_scene(tmp_path)):
         names = pm.channel(pm.load_scene(given), reflections=1)["mirrors"].values
         assert names.tolist() == ["", "floor", "north", "south"]
+
+
+def test_a_source_file_with_a_mistake_is_a_file_format_error_in_a_scene(tmp_path: Path) -> None:
+    file = tmp_path / "source.toml"
+    file.write_text('version = 1\nkind = "apertur"\n')
+    text = '<string name="wavelength" value="3 mm"/><string name="source" value="source.toml"/>'
+    shape = f'<shape type="wigner">{text}</shape>'
+    with pytest.raises(FileFormatError, match="apertur"):
+        pm.load_scene(written(tmp_path, scene(shape)))
 
 
 def test_a_dictionary_is_checked_as_a_file_is() -> None:

@@ -230,7 +230,10 @@ def edges_around(shapes: Shapes) -> tuple[NDArray[np.intp], Floats, Floats]:
     within = of_ring[1:] == of_ring[:-1]
     of_edge, begin, end = of_ring[1:][within], points[:-1][within], points[1:][within]
     # Shapely's orientation test examines one corner, which may be a spike after rounding.
-    crosses = begin[:, 0] * end[:, 1] - begin[:, 1] * end[:, 0]
+    # A ring may be far smaller than its distance from the origin.
+    origin = begin[np.searchsorted(of_edge, of_edge)]
+    (x, y), (next_x, next_y) = (begin - origin).T, (end - origin).T
+    crosses = x * next_y - y * next_x
     turned = (np.bincount(of_edge, crosses, len(rings)) < 0) != is_hole
     swapped = turned[of_edge][:, None]
     begin, end = np.where(swapped, end, begin), np.where(swapped, begin, end)

@@ -154,7 +154,8 @@ def obstacle_of(body: Polyhedron | PlacedAperture) -> Obstacle:
     areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals = np.zeros((len(body.faces), 3))
     np.add.at(normals, owner, areas)
-    return Obstacle(points, triangles, owner, normals, True, is_convex(points, triangles, areas))
+    simple = is_convex(points, triangles, normals[owner])
+    return Obstacle(points, triangles, owner, normals, True, simple)
 
 
 def shells(body: Obstacle) -> list[Obstacle]:
@@ -177,11 +178,16 @@ def shells(body: Obstacle) -> list[Obstacle]:
 
 
 def is_convex(points: Floats, triangles: Indices, normals: Floats, error: float = ON) -> bool:
-    """Return whether no triangle of a closed surface lies in front of a neighbour's plane.
+    """Return whether a closed surface is convex.
 
-    ``normals`` (t, 3): normals of the triangles, of any length. If the surface is connected, it is
-    convex.
+    No triangle may lie in front of a neighbour's plane, and all triangles must face away from the
+    centre. Bodies that meet in one vertex fail the second condition, and so does a triangle without
+    area, which could hide a concave edge. ``normals`` (t, 3): normals of the triangles, of any
+    length.
     """
+    outwards = points[triangles[:, 0]] - points[triangles].mean(axis=(0, 1))
+    if not (np.einsum("tk,tk->t", outwards, normals) > 0.0).all():
+        return False
     ends = np.concatenate([triangles[:, [k, (k + 1) % 3]] for k in range(3)])
     forth, back = ends @ [len(points), 1], ends @ [1, len(points)]
     order, other = np.argsort(forth), np.argsort(back)

@@ -106,14 +106,14 @@ def original_error(error: BaseException) -> PolywignerError | None:
 
 
 @contextmanager
-def scene_errors(about: str = "") -> Iterator[None]:
-    """Convert errors of this package in a ``with`` block to SceneErrors.
+def scene_errors(about: str = "", kind: type[Exception] = PolywignerError) -> Iterator[None]:
+    """Convert errors of this package, or of one ``kind``, in a ``with`` block to SceneErrors.
 
     ``about`` is the start of their messages.
     """
     try:
         yield
-    except PolywignerError as error:
+    except kind as error:
         raise SceneError(f"{about}{error}") from None
 
 

@@ -13,7 +13,7 @@ import mitsuba as mi
 import numpy as np
 
 from polywigner import geometry
-from polywigner.errors import GeometryError, SceneError
+from polywigner.errors import ArgumentError, GeometryError, SceneError
 from polywigner.geometry import (
     Aperture,
     PlacedAperture,
@@ -181,7 +181,8 @@ def read_parameters(values: Mapping[str, Any], plugin: str) -> SourceParameters:
     obliquity = element.choice("an obliquity", OBLIQUITIES, DEFAULT)
     wavelength = element.wavelength()
     bandwidth = element.number("bandwidth") if is_emitter else None
-    with scene_errors():
+    # Errors in source files remain FileFormatErrors.
+    with scene_errors(kind=ArgumentError):
         source, mixture = mixture_of(element.source(wavelength), wavelength, bandwidth)
     spec = SourceParameters(
         source=source,
