@@ -245,6 +245,7 @@ def with_echoes(**more):
     )
 
 
+@pytest.mark.usefixtures("few_batches")
 def test_direct_light_and_echoes_of_mirrors_fall_into_the_bins_of_their_paths():
     edges = np.arange(0.0, 30.5, 0.5)
     scene = with_echoes()
@@ -285,6 +286,7 @@ def test_direct_light_and_echoes_of_mirrors_fall_into_the_bins_of_their_paths():
     assert int(result["power"].values.argmax()) == 8  # the lamp at 4 m
 
 
+@pytest.mark.usefixtures("few_batches")
 def test_a_link_is_at_half_of_its_length():
     """The line of sight from another source, beyond all bins and within them."""
     scene = scene_of(tx=emitter(pose=at(0.3, 9.0)), rx=receiver())
@@ -297,6 +299,7 @@ def test_a_link_is_at_half_of_its_length():
         assert float(result[name]) == pytest.approx(power) and not result["power"].values.any()
 
 
+@pytest.mark.usefixtures("few_batches")
 def test_bodies_and_paths_that_interfere_have_a_range():
     body = {"plate": pw.shapes.square(0.1).placed(np.array(at(0.0, 6.0).matrix))}
     scene = scene_of(tx=emitter(), rx=receiver(pose=at(0.05, 0.0, 0.0)))
@@ -309,6 +312,7 @@ def test_bodies_and_paths_that_interfere_have_a_range():
         pm.range_profile(scene, [0.0, 8.0], spp=16, bodies=body)
 
 
+@pytest.mark.usefixtures("few_batches")
 def test_paths_of_one_bin_interfere_and_those_of_two_do_not():
     floor = rectangle((0, -0.2, 4.0), (1, 0, 0), -90, 8.0, METAL)
     scene = scene_of(tx=emitter(pose=at(0.0, 8.0)), rx=receiver(), floor=floor)
