@@ -130,6 +130,7 @@ def test_what_has_no_path_lengths_is_refused():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("distance", [20.0, 200.0])
+@pytest.mark.usefixtures("few_batches")
 def test_a_small_patch_at_any_range_sends_what_quadrature_finds(distance):
     half, pose = 0.25, at(0.0, distance)
     scene = scene_of(tx=emitter(estimator="exact"), rx=receiver(LARGE), plate=plate(half, pose))
@@ -180,6 +181,7 @@ def test_two_bounces_in_a_dihedral_are_a_ghost_behind_it():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("estimator", ["wigner", "exact"])
+@pytest.mark.usefixtures("few_batches")
 def test_paths_end_at_places_of_the_receiver_not_at_its_middle(estimator):
     """An obstacle in front of one end of a wide receiver, away from its origin."""
     wide, wavelength, end, z = pw.shapes.rectangle(1.0, 0.05).moved([1.25, 0.0]), 0.02, 0.85, 2.0

@@ -141,6 +141,7 @@ def over_a_floor(distance: float, estimator: str, **parts: Any) -> tuple[Any, An
 @pytest.mark.slow
 @pytest.mark.llvm
 @pytest.mark.parametrize("estimator", ["exact", "wigner"])
+@pytest.mark.usefixtures("few_batches")
 def test_a_wall_close_to_either_end_blocks_scattered_light(compiled: None, estimator: str) -> None:
     free, *_ = over_a_floor(100.0, estimator)
     expected = pm.received_power(free, spp=4096, seed=1).scattered
@@ -160,6 +161,7 @@ def test_a_wall_close_to_either_end_blocks_scattered_light(compiled: None, estim
 @pytest.mark.slow
 @pytest.mark.llvm
 @pytest.mark.parametrize("integrator", ["volpath", "prb"])
+@pytest.mark.usefixtures("few_batches")
 def test_a_wall_close_to_a_source_blocks_the_samples_of_each_integrator(
     compiled: None, integrator: str
 ) -> None:
