@@ -84,19 +84,22 @@ def test_field_from_nodes_is_the_sum_over_all_points(
 
 
 @pytest.mark.parametrize(
-    ("engine", "tolerances"),
-    [("numpy", (1e-3, 1e-4, 1e-6)), pytest.param("llvm", (1e-5,), marks=pytest.mark.llvm)],
+    ("case", "engine", "tolerances"),
+    [
+        ("plates", "numpy", (1e-3, 1e-4, 1e-6)),
+        pytest.param("near", "llvm", (1e-5,), marks=pytest.mark.llvm),
+    ],
 )
 def test_smaller_tolerances_take_more_nodes(
-    engine: Any, tolerances: tuple[float, ...], monkeypatch: pytest.MonkeyPatch
+    case: str, engine: Any, tolerances: tuple[float, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    every, _ = field_and_sum("plates", monkeypatch, np.inf, tolerance=1e-8)
+    every, _ = field_and_sum(case, monkeypatch, np.inf, tolerance=1e-8)
     counts = []
     for tolerance in tolerances:
-        few, nodes = field_and_sum("plates", monkeypatch, tolerance=tolerance, engine=engine)
+        few, nodes = field_and_sum(case, monkeypatch, tolerance=tolerance, engine=engine)
         assert nodes is not None
         counts.append(len(nodes.nodes.near.positions))
-        assert np.abs(few - every).max() < tolerance * largest_field("plates")
+        assert np.abs(few - every).max() < tolerance * largest_field(case)
     assert counts == sorted(set(counts))
 
 
