@@ -232,6 +232,7 @@ def test_both_estimators_light_a_street_alike() -> None:
 
 @pytest.mark.slow
 @pytest.mark.llvm
+@pytest.mark.usefixtures("few_batches")
 def test_ranges_and_scatterers_add_up_to_the_polarised_power() -> None:
     """Three computations of the power of crossed ends, which is due to oblique rays."""
     use("llvm_ad_mono_polarized")

@@ -27,7 +27,7 @@ pytestmark = pytest.mark.drjit
 
 WAVELENGTH = 299792458.0 / 94e9
 HALF = 0.005 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-SQUARE, SMALL = pw.Aperture(HALF), pw.Aperture(0.6 * HALF)
+SQUARE, SMALL = pw.Aperture(HALF), pw.Aperture(0.3 * HALF)
 FLOOR, SIDE = 0.3, 0.1
 HALF_WHITE = {"type": "diffuse", "reflectance": 0.5}
 BOX = meshes.box((-0.03, -0.02, 0.08), (0.03, 0.02, 0.12))
@@ -125,7 +125,7 @@ def test_plate_before_a_wall_has_the_field_of_both_in_pictures_and_at_points() -
     shapes = {f"r{k}": black(*place) for k, place in enumerate(places)}
     bodies = [plate(*place) for place in places]
     result = rendered(scene(8, shapes), 324)
-    expected = on_floor(8, 12, bodies)
+    expected = on_floor(8, 6, bodies)
     assert np.abs(result - expected).max() < 5e-3 * on_floor(8, 1).max()
     use("scalar_rgb")
     # On the line through the source's centre and a corner, in single precision.
@@ -240,21 +240,20 @@ def test_cubes_of_one_mesh_with_a_common_face_are_in_contact_with_what_touches_t
 
 
 @pytest.mark.slow
-@pytest.mark.llvm
 @pytest.mark.usefixtures("few_batches")
 def test_both_ends_of_a_link_over_an_edge_are_exchanged() -> None:
-    use("llvm_ad_mono")
-    one = received(edge_at(0.02, 0.4), SQUARE, SMALL, True).direct
-    other = received(edge_at(0.02, 0.6), SMALL, SQUARE, True).direct
+    use("scalar_rgb")
+    ends = SMALL, pw.Aperture(0.2 * HALF)
+    one = received(edge_at(0.02, 0.4), *ends, True).direct
+    other = received(edge_at(0.02, 0.6), *ends[::-1], True).direct
     assert one == pytest.approx(other, rel=1e-6)
 
 
 @pytest.mark.slow
-@pytest.mark.llvm
 @pytest.mark.usefixtures("few_batches")
 def test_bodies_on_mirrored_ways() -> None:
     """A body in front of a mirror blocks the path twice, as body and as image."""
-    use("llvm_ad_mono")
+    use("scalar_rgb")
     centre = [0.3, 0, 0.5]
     mirror = rectangle(centre, (0, 1, 0), -90, 2.0, {"type": "conductor"})
 
@@ -268,7 +267,7 @@ def test_bodies_on_mirrored_ways() -> None:
             mirror=mirror,
             plate=plate,
         )
-        result = pm.received_power(made, spp=16)
+        result = pm.received_power(made, spp=2)
         return next(p.transmission for p in result.contributions[0].paths if p.mirrors)
 
     before, behind = mirrored(0.25), mirrored(0.75)
