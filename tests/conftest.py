@@ -114,6 +114,20 @@ def many_rays() -> None:
 
 
 @pytest.fixture
+def few_batches(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sample scattered light in 2 batches instead of 16, for tests without standard errors.
+
+    Each batch is traced again by Python.
+    """
+    import polywigner.mitsuba  # noqa: F401 (chooses the LLVM library)
+
+    for module in (
+        "radar.scatterers", "receive.received_power", "receive.scattered", "scenes.scene_renders"
+    ):  # fmt: skip
+        monkeypatch.setattr(f"polywigner.mitsuba.{module}.BATCHES", 2)
+
+
+@pytest.fixture
 def unrendered_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Write empty figures, because rendering takes half a second for each figure."""
     from matplotlib.figure import Figure

@@ -14,7 +14,7 @@ SCENE = str(Path(__file__).parents[1] / "examples" / "radar_77ghz" / "radar.xml"
 WAVEFORM = "76.85 GHz + 300 MHz, 128 samples at 5 MHz, 8 chirps every 60 us"
 
 
-@pytest.mark.usefixtures("unrendered_figures")
+@pytest.mark.usefixtures("unrendered_figures", "few_batches")
 def test_the_command_writes_the_cube_and_both_maps(tmp_path, capsys):
     out = tmp_path / "street"
     options = ("--velocity", "car = -8, 0, 0", "--elements", "--points", "500", "--out", str(out))
@@ -27,7 +27,7 @@ def test_the_command_writes_the_cube_and_both_maps(tmp_path, capsys):
     assert names == ["street.nc", "street_angle.png", "street_rate.png"]
 
 
-@pytest.mark.usefixtures("unrendered_figures")
+@pytest.mark.usefixtures("unrendered_figures", "few_batches")
 def test_zarr_replaces_an_earlier_store(tmp_path):
     for chirps in ("8 chirps", "4 chirps"):
         out = ("--points", "50", "--zarr", "--out", str(tmp_path / "street"))

@@ -23,10 +23,10 @@ from mitsuba_scenes import (
 )
 from polywigner.errors import SceneError
 
-pytestmark = [pytest.mark.drjit, pytest.mark.usefixtures("few_rays")]
+pytestmark = [pytest.mark.drjit, pytest.mark.usefixtures("few_rays", "few_batches")]
 pm = pytest.importorskip("polywigner.mitsuba")
 
-POLARISED = "llvm_ad_mono_polarized"
+POLARISED, PLAIN_POLARISED = "llvm_ad_mono_polarized", "scalar_spectral_polarized"
 # Relative error of powers: 1e-6 dB, a few times single precision.
 MICRO_DECIBEL = 2.3e-7
 HALF = {"type": "diffuse", "reflectance": spectrum(0.5)}
@@ -75,10 +75,9 @@ def test_in_unpolarised_variants_all_routes_are_the_scalar_link(roll: float, lea
     assert routes(linked((one, other))) == pytest.approx([expected] * 3, rel=MICRO_DECIBEL)
 
 
-@pytest.mark.llvm
 def test_in_polarised_variants_all_routes_count_the_y_axes_of_both_ends() -> None:
     """Ends in parallel planes have the mismatch cos^2 of the roll (Malus)."""
-    use(POLARISED)
+    use(PLAIN_POLARISED)
     for roll, sent, taken, share in [
         (0.3, None, "x", math.sin(0.3) ** 2),
         (0.0, "45 deg", None, 0.5),
@@ -89,10 +88,9 @@ def test_in_polarised_variants_all_routes_count_the_y_axes_of_both_ends() -> Non
         assert result == pytest.approx([share * scalar] * 3, rel=3 * MICRO_DECIBEL)
 
 
-@pytest.mark.llvm
 def test_the_default_is_the_link_of_huygens_sources_along_y() -> None:
     """Kirchhoff's condition against `coupling` of vector fields."""
-    use(POLARISED)
+    use(PLAIN_POLARISED)
     one, other = poses(0.5, 1.0, 2.0)
     expected = coupled(SQUARE, one, SQUARE, other, polarisation="y", method="huygens")
     result = routes(linked((one, other), obliquity="kirchhoff"))
@@ -100,17 +98,15 @@ def test_the_default_is_the_link_of_huygens_sources_along_y() -> None:
     assert max(result) / min(result) - 1 < MICRO_DECIBEL
 
 
-@pytest.mark.llvm
 def test_exchange_of_an_end_with_and_an_end_without_a_polarisation_changes_nothing() -> None:
-    use(POLARISED)
+    use(PLAIN_POLARISED)
     one, other = poses(0.5, 1.0)
     there, back = routes(linked((one, other), "left")), routes(linked((other, one), None, "left"))
     assert there == pytest.approx(back, rel=MICRO_DECIBEL)
 
 
-@pytest.mark.llvm
 def test_a_source_without_a_polarisation_is_seen_polarised_along_its_y_axis() -> None:
-    use(POLARISED)
+    use(PLAIN_POLARISED)
     seen = camera((0, 0, 1), (0, 0, 0), 2, 1e-3)
     black = {"type": "diffuse", "reflectance": spectrum(0.0)}
     for given, first in ((None, -1.0), ("unpolarised", 0.0), ("x", 1.0)):
@@ -144,7 +140,7 @@ def test_a_diffuse_floor_returns_half_to_the_default_and_ranges_and_scatterers_a
 
 
 def test_results_state_the_polarisations_that_count() -> None:
-    use("scalar_spectral_polarized")
+    use(PLAIN_POLARISED)
     scene = linked(poses(0.0, 0.0), None, "left")
     result = pm.received_power(scene, spp=16)
     assert result.polarisation == "y (default): tx; left: rx"
@@ -174,7 +170,7 @@ def test_a_requested_default_holds_for_direct_and_scattered_power_and_ends_with_
 
 
 def test_unpolarised_ends_have_no_amplitude() -> None:
-    use("scalar_spectral_polarized")
+    use(PLAIN_POLARISED)
     scene = linked(poses(0.0, 0.0), "unpolarised")
     with pytest.raises(SceneError, match="'tx' is unpolarised"):
         pm.channel(scene)

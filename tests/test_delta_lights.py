@@ -68,6 +68,7 @@ def both_readings(scene: Any) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize("estimator", ["exact", "wigner"])
+@pytest.mark.usefixtures("few_batches")
 def test_a_point_light_far_away_obeys_friis(plain: None, estimator: str) -> None:
     theta, phi, distance = 0.25, 0.7, 30.0
     scene = scene_of(
@@ -129,6 +130,7 @@ def wall(z: float, x: float = 0.0, bsdf: Any = BLACK) -> dict[str, Any]:
     return rectangle((x, 0, z), (1, 0, 0), 0, bsdf=bsdf)
 
 
+@pytest.mark.usefixtures("few_batches")
 def test_walls_and_veils_take_their_share_of_a_light(plain: None, many_rays: None) -> None:
     lamp, sun = point((0, 0, 50)), {"type": "directional", "direction": [0, 0, -1]}
     free = {
@@ -145,6 +147,7 @@ def test_walls_and_veils_take_their_share_of_a_light(plain: None, many_rays: Non
         assert result == pytest.approx([share * free[light["type"]]] * 2, rel=0.01, abs=1e-14)
 
 
+@pytest.mark.usefixtures("few_batches")
 def test_lights_behind_a_receiver_and_hidden_ones_bring_nothing(plain: None) -> None:
     hiding = {"integrator": {"type": "path", "hide_emitters": True}}
     sun = {"type": "directional", "direction": [0, 0, 1]}
@@ -152,6 +155,7 @@ def test_lights_behind_a_receiver_and_hidden_ones_bring_nothing(plain: None) -> 
         assert both_readings(scene_of(rx=receiver(), light=light, **more)) == (0.0, 0.0)
 
 
+@pytest.mark.usefixtures("few_batches")
 def test_a_mirror_shows_the_image_of_a_light(plain: None) -> None:
     half = {"type": "twosided", "b": {"type": "conductor", "material": "none"}}
     half["b"]["specular_reflectance"] = 0.5
@@ -180,7 +184,7 @@ def test_diffuse_light_of_a_lamp_is_found_by_samples(plain: None) -> None:
     plate = rectangle((0, 0, 3), (1, 0, 0), 180, half, {"type": "diffuse", "reflectance": rho})
     # The light is behind the receiver, so there is no direct path.
     lamp = point((1.0, 0.0, -0.5))
-    result = pm.received_power(scene_of(rx=receiver(), lamp=lamp, plate=plate), spp=2048, seed=2)
+    result = pm.received_power(scene_of(rx=receiver(), lamp=lamp, plate=plate), spp=512, seed=2)
     squared = 1.0 + 3.5**2
     radiance = rho / math.pi * (3.5 / math.sqrt(squared)) / squared
     expected = radiance * (2 * half) ** 2 * area(SQUARE, (0, 0, 3))
@@ -211,6 +215,7 @@ def test_a_map_has_the_light_in_the_pixel_of_its_direction(plain: None) -> None:
     assert image.sum() == pytest.approx(area(SQUARE, place), rel=SINGLE)
 
 
+@pytest.mark.usefixtures("few_batches")
 def test_a_polarised_receiver_takes_half_of_a_lamp() -> None:
     mi.set_variant("scalar_spectral_polarized")
     lamp = point((0, 0, 2.0))

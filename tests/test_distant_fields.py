@@ -54,7 +54,7 @@ def settings(method, **others):
 
 
 some_compiled = pytest.mark.parametrize(
-    ("name", "engine"), numpy_and_few(SOURCES, ["tapered", "array"], slow=["uniform", "steered"])
+    ("name", "engine"), numpy_and_few(SOURCES, ["array"], slow=["tapered"])
 )
 
 

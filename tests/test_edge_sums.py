@@ -28,7 +28,7 @@ def plate(width: float, height: float, *centre: float) -> pw.PlacedAperture:
 PLATE = plate(13.0, 9.0, 3.0, 0.0, 47.0)
 FLOOR = plate(300.0, 300.0, 0.0, 0.0, 94.0)
 PATCHES = pw.Array([pw.shapes.square(0.6).moved((1.8 * k, 0.0)) for k in range(-3, 4)])
-BEHIND = grid(7, 30.0, 94.0)
+BEHIND = grid(5, 30.0, 94.0)
 CASES: dict[str, tuple[Any, Any, np.ndarray]] = {
     "plates": (SQUARE, [PLATE, plate(9.0, 6.0, -10.0, -9.0, 38.0)], BEHIND),
     "patch above a floor": (
@@ -37,7 +37,6 @@ CASES: dict[str, tuple[Any, Any, np.ndarray]] = {
         BEHIND,
     ),
     "ball of 80 faces": (SQUARE, moved(ball(9.4, 5), 3.0, 0.0, 47.0), BEHIND),
-    "ball of 1,200 faces": (SQUARE, moved(ball(9.4, 18), 3.0, 0.0, 47.0), BEHIND),
     "ball of 9,000 faces": (SQUARE, moved(ball(9.4, 48), 3.0, 0.0, 47.0), BEHIND),
     "wide source": (pw.shapes.rectangle(12.0, 8.0), plate(13.0, 9.0, 3.0, 0.0, 94.0), 2 * BEHIND),
     "array": (PATCHES, PLATE, BEHIND),
@@ -85,19 +84,22 @@ def test_field_from_nodes_is_the_sum_over_all_points(
 
 
 @pytest.mark.parametrize(
-    ("engine", "tolerances"),
-    [("numpy", (1e-3, 1e-4, 1e-6)), pytest.param("llvm", (1e-5,), marks=pytest.mark.llvm)],
+    ("case", "engine", "tolerances"),
+    [
+        ("plates", "numpy", (1e-3, 1e-4, 1e-6)),
+        pytest.param("near", "llvm", (1e-5,), marks=pytest.mark.llvm),
+    ],
 )
 def test_smaller_tolerances_take_more_nodes(
-    engine: Any, tolerances: tuple[float, ...], monkeypatch: pytest.MonkeyPatch
+    case: str, engine: Any, tolerances: tuple[float, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    every, _ = field_and_sum("plates", monkeypatch, np.inf, tolerance=1e-8)
+    every, _ = field_and_sum(case, monkeypatch, np.inf, tolerance=1e-8)
     counts = []
     for tolerance in tolerances:
-        few, nodes = field_and_sum("plates", monkeypatch, tolerance=tolerance, engine=engine)
+        few, nodes = field_and_sum(case, monkeypatch, tolerance=tolerance, engine=engine)
         assert nodes is not None
         counts.append(len(nodes.nodes.near.positions))
-        assert np.abs(few - every).max() < tolerance * largest_field("plates")
+        assert np.abs(few - every).max() < tolerance * largest_field(case)
     assert counts == sorted(set(counts))
 
 

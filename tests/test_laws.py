@@ -322,8 +322,8 @@ def total_of(value, seed):
 
 
 CHANGING = ["chevron", "holes", "collection"]
-IN_POINTS = ["leaning", "product, turned and moved", "curved", "slits", "curved, partly coherent"]
-SLOW_IN_POINTS = ["30-gon", "steered", "tapered slits", "partly coherent"]
+IN_POINTS = ["leaning", "product, turned and moved", "curved", "slits", "partly coherent slits"]
+SLOW_IN_POINTS = ["30-gon", "steered", "tapered slits", "curved, partly coherent"]
 
 
 @pytest.mark.llvm

@@ -112,7 +112,7 @@ CONDITIONS = [("kirchhoff", (0.5, 0.5)), ("rayleigh-sommerfeld-2", (0.0, 1.0))]
 def test_normal_derivatives_of_tilted_light_are_taken_tilt_by_tilt(
     method: Any, shares: Any
 ) -> None:
-    source, x, w = sampled("plain", 36)
+    source, x, w = sampled("plain", 28)
     at, width = points(9.0), 1.2
     expected = mutual.irradiance_of_tilts(x, [(w, np.zeros(2))], at, WAVELENGTH, width, *shares)
     result = pw.irradiance(source.partially_coherent(width), at, WAVELENGTH, method)
@@ -138,7 +138,7 @@ def test_sums_over_pairs_of_points_have_the_normal_derivatives_of_waves() -> Non
 
 
 def test_sums_over_pairs_of_points_are_the_double_integral_of_the_mutual_intensity() -> None:
-    source, x, w = sampled("curved", 36)
+    source, x, w = sampled("curved", 28)
     at, width = points(30.0), 1.5
     expected = mutual.irradiance(x, w, at, WAVELENGTH, width, mutual.first_integral)
     condition, partly = BY_NAME["rayleigh-sommerfeld-1"], source.partially_coherent(width)

@@ -82,6 +82,7 @@ def test_powers_add_up_to_the_received_power(estimator):
         assert (cloud["power"].values > 0).all()
 
 
+@pytest.mark.usefixtures("few_batches")
 def test_one_seed_gives_one_cloud():
     scene = on_floor()
     first, again, other = (pm.scatterers(scene, 50, seed=s, rays=256) for s in (3, 3, 4))
@@ -90,6 +91,7 @@ def test_one_seed_gives_one_cloud():
     assert not np.array_equal(first["power"].values, other["power"].values)
 
 
+@pytest.mark.usefixtures("few_batches")
 def test_places_and_paths_are_those_of_the_geometry():
     cloud = pm.scatterers(on_floor("exact"), 60, rays=128)
     place = cloud["position"].values
@@ -113,6 +115,7 @@ def test_a_null_surface_is_no_scatterer_and_lets_paths_pass():
     assert np.abs(behind["path_length"].values - lengths).max() < 4.3e-3
 
 
+@pytest.mark.usefixtures("few_batches")
 def test_a_path_of_two_bounces_stands_where_the_receiver_sees_it():
     scene = in_corner()
     cloud = pm.scatterers(scene, 4000, rays=256)
@@ -127,14 +130,15 @@ def test_a_path_of_two_bounces_stands_where_the_receiver_sees_it():
     assert (cloud["path_length"].values[twice] > straight[twice] + 1e-4).mean() > 0.95
 
 
+@pytest.mark.usefixtures("few_batches")
 def test_the_second_bounce_needs_its_depth():
-    scene = in_corner()
+    scene = in_corner(-1)
     assert set(pm.scatterers(scene, 400, rays=64, max_depth=2)["bounces"].values) == {1}
     assert len(pm.scatterers(scene, 400, rays=64, max_depth=1)["power"].values) == 0
-    without = in_corner(-1)
-    assert pm.scatterers(without, 4000, rays=64)["bounces"].values.max() > 3
+    assert pm.scatterers(scene, 4000, rays=64)["bounces"].values.max() > 3
 
 
+@pytest.mark.usefixtures("few_batches")
 def test_paths_grow_as_geometry_says():
     speeds = {"floor": (1.0, 2.0, 3.0), "tx": (0.5, 0.0, -1.0), "rx": (0.0, -2.0, 0.25)}
     cloud = pm.scatterers(on_floor(), 100, rays=64, velocities=speeds)
@@ -151,6 +155,7 @@ def test_paths_grow_as_geometry_says():
     assert np.abs(cloud["path_rate"].values - rate).max() < 3e-3 * 2 * 4
 
 
+@pytest.mark.usefixtures("few_batches")
 def test_a_mirror_that_comes_nearer_shifts_the_path_by_twice_its_speed():
     """Only the mirror moves; the rough floor is behind the receiver."""
     mirror = plate([0, 0, 1.0], [1, 0, 0], 180, 2.0, type="conductor", material="none")
@@ -166,6 +171,7 @@ def test_a_mirror_that_comes_nearer_shifts_the_path_by_twice_its_speed():
     assert np.allclose(cloud["path_rate"].values[by_mirror], -2 * cosine, atol=0.01)
 
 
+@pytest.mark.usefixtures("few_batches")
 def test_files_hold_the_cloud_and_other_files_and_data_are_refused(tmp_path):
     scene = in_corner()
     cloud = pm.scatterers(scene, 20, rays=64, velocities={"wall": (1, 0, 0)})
@@ -205,6 +211,7 @@ def test_arguments_out_of_range_are_refused(options, message):
         pm.scatterers(scene, **options)
 
 
+@pytest.mark.usefixtures("few_batches")
 def test_fog_and_darkness_are_refused_and_emptiness_is_not():
     fog = {"type": "homogeneous", "sigma_t": 0.1}
     box = {"type": "cube", "bsdf": {"type": "null"}, "interior": fog}

@@ -19,9 +19,9 @@ for _library in ("xarray", "zarr", "dask", "distributed"):
     pytest.importorskip(_library, reason=_EXTRA)
 
 SENSOR = camera(
-    0.02, '<lookat origin="0, 0, 0.5" target="0, 0, 1" up="0, 1, 0"/>', (8, 64), "$samples"
+    0.02, '<lookat origin="0, 0, 0.5" target="0, 0, 1" up="0, 1, 0"/>', (2, 64), "$samples"
 )
-SAMPLER = '<sampler type="independent"><integer name="sample_count" value="32"/></sampler>'
+SAMPLER = '<sampler type="independent"><integer name="sample_count" value="16"/></sampler>'
 FLOOR = rectangle('<rotate x="1" angle="180"/><translate z="1"/>', '<bsdf type="diffuse"/>')
 DEFAULTS = """<default name="samples" value="4"/><default name="outline" value="square.wkt"/>
     <integrator type="path"><integer name="max_depth" value="2"/></integrator>"""
@@ -89,7 +89,7 @@ def parts_of(store, name):
 def check_completed(compute, store, name, count):
     """Check that a store gives the direct result, and that only a lost part is recomputed."""
     direct = compute()
-    assert np.min(direct) >= 0 < np.max(direct)
+    assert np.isfinite(direct).all() and np.max(direct) > 0
     for _ in range(2):
         np.testing.assert_allclose(compute(store=store), direct, rtol=LAST)
         parts = parts_of(store, name)
@@ -137,7 +137,7 @@ def test_another_process_loads_the_scene_and_its_sources_itself(camera_scene):
     copy = pickle.loads(pickle.dumps(parts))
     assert copy.scene is None
     for top in (0, 48):
-        part = ((top, 0, 0), (16, 8, 3))
+        part = ((top, 0, 0), (16, 2, 3))
         np.testing.assert_array_equal(copy(*part), parts(*part))
 
 

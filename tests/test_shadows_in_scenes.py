@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,7 @@ pytestmark = pytest.mark.drjit
 
 WAVELENGTH = 299792458.0 / 94e9
 HALF = 0.005 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-SQUARE, SMALL = pw.Aperture(HALF), pw.Aperture(0.6 * HALF)
+SQUARE, SMALL = pw.Aperture(HALF), pw.Aperture(0.3 * HALF)
 FLOOR, SIDE = 0.3, 0.1
 HALF_WHITE = {"type": "diffuse", "reflectance": 0.5}
 BOX = meshes.box((-0.03, -0.02, 0.08), (0.03, 0.02, 0.12))
@@ -69,17 +68,6 @@ def on_floor(count: int, fine: int, obstacles: Any = None, source: Any = SQUARE)
     return radiance.reshape(count, fine, count, fine).mean(axis=(1, 3))
 
 
-@pytest.mark.llvm
-def test_picture_is_the_field_behind_a_box() -> None:
-    use("llvm_ad_mono")
-    count = 8
-    result = rendered(scene(count, {"box": box()}), 256)
-    expected = on_floor(count, 8, BOX)
-    assert np.abs(result - expected).max() < 1e-3 * on_floor(count, 1).max()
-    # Geometric shadows would differ.
-    assert expected[count // 2, count // 2] > 1e-3 * on_floor(count, 1).max()
-
-
 def group() -> dict[str, Any]:
     inner = {"type": "shapegroup", "id": "g", "cube": box()}
     moved = transform().translate([0.01, 0, 0])
@@ -97,26 +85,27 @@ def disk_of(radius: float, z: float) -> Any:
     return outline.placed(pose)
 
 
-SHAPES: dict[str, tuple[Callable[[], dict[str, Any]], Any]] = {
-    "instance": (group, meshes.moved(BOX, 0.01, 0, 0)),
-    # The silhouette is where tangents from the source touch.
-    "sphere": (
-        lambda: {"ball": {"type": "sphere", "center": [0, 0, 0.1], "radius": 0.02, "bsdf": BLACK}},
-        disk_of(0.02 * math.sqrt(1 - 0.04), 0.1 - 0.02 * 0.2),
-    ),
-}  # fmt: skip
-
-
 @pytest.mark.llvm
-@pytest.mark.parametrize("name", ["instance", pytest.param("sphere", marks=pytest.mark.slow)])
-def test_shapes_of_mitsuba_throw_shadows(name: str) -> None:
+def test_picture_is_the_field_behind_a_box_in_a_group() -> None:
     use("llvm_ad_mono")
-    shapes, obstacle = SHAPES[name]
+    count = 8
+    result = rendered(scene(count, group()), 256)
+    expected = on_floor(count, 4, meshes.moved(BOX, 0.01, 0, 0))
+    assert np.abs(result - expected).max() < 1e-3 * on_floor(count, 1).max()
+    # Geometric shadows would differ.
+    assert expected[count // 2, count // 2] > 1e-3 * on_floor(count, 1).max()
+
+
+@pytest.mark.slow
+@pytest.mark.llvm
+def test_a_sphere_throws_the_shadow_of_the_disk_where_tangents_touch() -> None:
+    use("llvm_ad_mono")
+    ball = {"type": "sphere", "center": [0, 0, 0.1], "radius": 0.02, "bsdf": BLACK}
     point = pw.Aperture(0.05 * HALF)  # nearly a point source, from which the silhouette is a circle
-    result = rendered(scene(8, shapes(), source=point), 324)
-    expected = on_floor(8, 12, obstacle, point)
-    within = 2e-2 if name == "sphere" else 3e-3
-    assert np.abs(result - expected).max() < within * on_floor(8, 1, None, point).max()
+    result = rendered(scene(8, {"ball": ball}, source=point), 324)
+    disk = disk_of(0.02 * math.sqrt(1 - 0.04), 0.1 - 0.02 * 0.2)
+    expected = on_floor(8, 12, disk, point)
+    assert np.abs(result - expected).max() < 2e-2 * on_floor(8, 1, None, point).max()
 
 
 @pytest.mark.slow
@@ -136,7 +125,7 @@ def test_plate_before_a_wall_has_the_field_of_both_in_pictures_and_at_points() -
     shapes = {f"r{k}": black(*place) for k, place in enumerate(places)}
     bodies = [plate(*place) for place in places]
     result = rendered(scene(8, shapes), 324)
-    expected = on_floor(8, 12, bodies)
+    expected = on_floor(8, 6, bodies)
     assert np.abs(result - expected).max() < 5e-3 * on_floor(8, 1).max()
     use("scalar_rgb")
     # On the line through the source's centre and a corner, in single precision.
@@ -192,6 +181,7 @@ def received(obstacles: dict[str, Any], first: Any, last: Any, diffraction: bool
     return pm.received_power(made, spp=16)
 
 
+@pytest.mark.usefixtures("few_batches")
 def test_link_over_an_edge() -> None:
     use("scalar_rgb")
     small = pw.Aperture(0.1 * HALF)
@@ -214,6 +204,7 @@ def cubes(*boxes: Any) -> dict[str, Any]:
     return result
 
 
+@pytest.mark.usefixtures("few_batches")
 def test_a_wall_of_butted_or_crossing_cubes_is_a_wall() -> None:
     """The gap is a few roundings in single precision. Lengths are in wavelengths."""
     use("scalar_rgb")
@@ -249,19 +240,20 @@ def test_cubes_of_one_mesh_with_a_common_face_are_in_contact_with_what_touches_t
 
 
 @pytest.mark.slow
-@pytest.mark.llvm
+@pytest.mark.usefixtures("few_batches")
 def test_both_ends_of_a_link_over_an_edge_are_exchanged() -> None:
-    use("llvm_ad_mono")
-    one = received(edge_at(0.02, 0.4), SQUARE, SMALL, True).direct
-    other = received(edge_at(0.02, 0.6), SMALL, SQUARE, True).direct
+    use("scalar_rgb")
+    ends = SMALL, pw.Aperture(0.2 * HALF)
+    one = received(edge_at(0.02, 0.4), *ends, True).direct
+    other = received(edge_at(0.02, 0.6), *ends[::-1], True).direct
     assert one == pytest.approx(other, rel=1e-6)
 
 
 @pytest.mark.slow
-@pytest.mark.llvm
+@pytest.mark.usefixtures("few_batches")
 def test_bodies_on_mirrored_ways() -> None:
     """A body in front of a mirror blocks the path twice, as body and as image."""
-    use("llvm_ad_mono")
+    use("scalar_rgb")
     centre = [0.3, 0, 0.5]
     mirror = rectangle(centre, (0, 1, 0), -90, 2.0, {"type": "conductor"})
 
@@ -275,7 +267,7 @@ def test_bodies_on_mirrored_ways() -> None:
             mirror=mirror,
             plate=plate,
         )
-        result = pm.received_power(made, spp=16)
+        result = pm.received_power(made, spp=2)
         return next(p.transmission for p in result.contributions[0].paths if p.mirrors)
 
     before, behind = mirrored(0.25), mirrored(0.75)
@@ -344,7 +336,7 @@ def test_what_diffraction_cannot_do_is_said() -> None:
 
 def test_renders_without_the_scene_are_refused() -> None:
     use("scalar_rgb")
-    made = scene(2, {"box": box()})
+    made = scene(1, {"box": box()})
     with pytest.raises((SceneError, RuntimeError), match=r"polywigner\.mitsuba\.receiving"):
         mi.render(made, spp=1, integrator=mi.load_dict({"type": "direct"}))
     with pm.receiving(made):
@@ -357,7 +349,10 @@ def test_a_source_without_its_scene_lights_nothing_and_leaves_other_scenes_alone
     """Mitsuba traces the sources of all living scenes into each kernel."""
     use("llvm_ad_mono")
     direct = mi.load_dict({"type": "direct"})
-    other = mi.load_dict(mi.cornell_box())
+    lamp = {"type": "point", "position": [0, 0, 0.1], "intensity": 1.0}
+    floor = rectangle((0, 0, FLOOR), (1, 0, 0), 180, 1.0, HALF_WHITE)
+    seen = camera((0, 0, FLOOR - 0.01), (0, 0, FLOOR), 2, SIDE)
+    other = scene_of(lamp=lamp, floor=floor, camera=seen)
     alone = np.array(mi.render(other, spp=1, integrator=direct))
     assert alone.max() > 0
     made = scene(2, {"box": box()})
@@ -367,8 +362,6 @@ def test_a_source_without_its_scene_lights_nothing_and_leaves_other_scenes_alone
         again = np.array(mi.render(other, spp=1, integrator=direct))
     # Threads add the samples of a pixel in any order.
     np.testing.assert_allclose(again, alone, rtol=1e-5, atol=0.0)
-    with pm.receiving(made):
-        assert np.isfinite(mi.render(made, spp=1, integrator=direct)).all()
 
 
 CAMERA = cli_scenes.camera(

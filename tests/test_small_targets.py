@@ -71,7 +71,6 @@ def check(power: float, error: float, expected: float, noise: float = NOISE) -> 
 @pytest.mark.parametrize(
     ("things", "seen"),
     [
-        pytest.param([SMALL], [SMALL], id="one", marks=pytest.mark.slow),
         pytest.param([SMALL, BEHIND], [SMALL], id="hidden"),
         pytest.param([ABOVE], [ABOVE], id="off the beam", marks=pytest.mark.slow),
         pytest.param([ABOVE, FLOOR], [ABOVE, FLOOR], id="floor", marks=pytest.mark.slow),
