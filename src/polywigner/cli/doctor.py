@@ -94,7 +94,7 @@ def _gpu_row() -> Row:
 
 
 def _rendering_row(llvm: LLVMStatus, gpu: Row) -> Row:
-    """Import Mitsuba in a child process, and report the variants that work."""
+    """Import Mitsuba in a child process; report its variants that ``llvm`` and ``gpu`` allow."""
     # Importing Mitsuba can crash the process if the version of Dr.Jit does not match.
     child = run_in_child("import mitsuba; print(*mitsuba.variants())")
     if child.returncode != 0:

@@ -178,7 +178,10 @@ def mtf(
     mean = sum(lengths) / len(lengths)
 
     def transfer(waves: float, path: Any) -> Any:
-        """Return the complex transfer function (direction, frequency)."""
+        """Return the complex transfer function (direction, frequency).
+
+        ``waves`` is the defocus at the mean wavelength, and ``path`` the aberration.
+        """
         parts = [
             pw.otf(
                 pupil, lines * (length * distance), waves * mean / length, radius,

@@ -227,7 +227,7 @@ def _write_content(path: Path, content: Any) -> None:
 
 
 def check_scene(path: str) -> None:
-    """Raise SceneError if a file is not a scene, before the slow import of Mitsuba."""
+    """Raise SceneError unless a file exists and has the suffix .xml, before Mitsuba is imported."""
     if not os.path.isfile(path):  # noqa: PTH113 (pathlib raises for a name too long)
         raise SceneError(f"the scene file {path!r} does not exist or is not a file")
     if Path(path).suffix.lower() != ".xml":

@@ -111,7 +111,10 @@ def rcs(
 def _angular_steps(
     pattern: Pattern, map_step: float | None, fine_step: float | None, lobe: float
 ) -> tuple[float, float]:
-    """Return the steps of the map and the cuts in degrees; timed calls determine the defaults."""
+    """Return the steps of the map and the cuts in degrees; timed calls determine the defaults.
+
+    ``lobe`` is the width of a backscatter lobe in degrees.
+    """
     import numpy as np
 
     azimuth, elevation = np.linspace(-3.0, 3.0, _TIMED), np.linspace(-1.4, 1.5, _TIMED)
@@ -129,7 +132,7 @@ def _angular_steps(
 
 
 def write_rows(patterns: Sequence[xarray.Dataset], path: Path) -> None:
-    """Write patterns as CSV with one row per direction and "nan" for NaN."""
+    """Write patterns as CSV with one row per direction in degrees, and "nan" for NaN."""
     import numpy as np
 
     for number, pattern in enumerate(patterns):

@@ -138,7 +138,10 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
 
 
 def _emitter_parameters(scene: Any, name: str) -> list[Any]:
-    """Return the parameters of all Wigner emitters, whose wavelengths are checked."""
+    """Return the parameters of all Wigner emitters, whose wavelengths are checked.
+
+    Raises SceneError if there are none.
+    """
     specs = [emitter.spec for emitter in scene.emitters() if hasattr(emitter, "spec")]
     if not specs:
         raise SceneError(
@@ -289,7 +292,10 @@ def parse_definition(text: str) -> tuple[str, str]:
 
 
 def parse_band(text: str | None) -> list[float]:
-    """Return frequencies in Hz from "76 GHz to 78 GHz, 201" or "76 GHz, 77 GHz"."""
+    """Return frequencies in Hz from "76 GHz to 78 GHz, 201" or "76 GHz, 77 GHz".
+
+    The list is empty for None.
+    """
     if text is None:
         return []
     ends, _, number = text.partition(",")

@@ -142,7 +142,10 @@ class SourceOptions(ReadingOptions, WaveOptions):
         self.length()
 
     def read(self) -> tuple[Aperture | ApertureArray, float | None]:
-        """Return the source, and its wavelength in metres from the options or from the file."""
+        """Return the source, and its wavelength in metres from the options or from the file.
+
+        The wavelength is None if neither specifies one.
+        """
         from polywigner.figures import outline_of
         from polywigner.source.source_files import read_content
         from polywigner.source.source_tables import SOURCE_TEXTS, apply_texts
@@ -176,7 +179,7 @@ class SourceOptions(ReadingOptions, WaveOptions):
             )
 
     def polarisation(self) -> NDArray[np.complex128] | None:
-        """Return the Jones vectors of a source file, or None for an aperture file."""
+        """Return the Jones vectors in a source file, or None if the file specifies none."""
         from polywigner import read_polarisation
 
         is_source = _is_source_file(self.source)
@@ -269,7 +272,10 @@ class FieldSourceOptions(SourceOptions):
     def _placed_obstacle(
         self, path: str, origin: tuple[float, ...], angles: tuple[float, ...]
     ) -> Polyhedron | PlacedAperture:
-        """Return an obstacle with its z axis rotated to theta, phi, then moved to ``origin``."""
+        """Return an obstacle with its z axis rotated to theta, phi, then moved to ``origin``.
+
+        ``origin`` is in m, and ``angles`` are theta and phi in rad.
+        """
         import numpy as np
 
         from polywigner import Polyhedron

@@ -30,7 +30,9 @@ def start_state(
 ) -> State:
     """Return the initial state of the page: the outlines of an aperture file, or a chevron.
 
-    The page uses the unit of the file, or mm if the page does not offer that unit.
+    The page uses the unit of the file, or mm if the page does not offer that unit. ``wave`` is a
+    frequency or a wavelength with its unit, and ``reading`` contains further arguments of
+    :func:`read_aperture`.
     """
     unit_of_page = {"um": "µm"}.get(unit, unit)
     state = State(unit=unit_of_page if unit_of_page in UNITS else "mm", wave=wave or State.wave)
@@ -40,7 +42,7 @@ def start_state(
 
 
 def serve(state: State, port: int, browser: bool) -> None:
-    """Serve the page until Ctrl-C."""
+    """Serve the page until Ctrl-C; the port 0 selects a free port."""
     server = _new_server(state, port)
     print(f"http://{_ADDRESS}:{server.port}/ shows the explorer; Ctrl-C stops it.", flush=True)
     if browser:

@@ -115,7 +115,10 @@ class Explorer:
         self._add_state(lambda: replace(self.state, **changes), gesture)
 
     def _add_state(self, new_state: Callable[[], State], gesture: str = "") -> None:
-        """Add a state to the history and show it; if it is invalid, show an error."""
+        """Add the state that ``new_state()`` returns to the history, and show it.
+
+        If the state is invalid, show an error instead.
+        """
         try:
             self.history.add(new_state(), gesture)
         except PolywignerError as error:

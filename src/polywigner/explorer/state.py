@@ -56,7 +56,10 @@ MAX_ELEMENTS = 256  # largest number of elements of an array
 
 
 def rings_of(aperture: Aperture, per_metre: float = 1) -> Rings:
-    """Return the outlines of an aperture, rounded to a millionth of its diameter."""
+    """Return the outlines of an aperture, rounded to a millionth of its diameter.
+
+    The aperture is in metres, and the outlines are in units of 1/``per_metre`` metre.
+    """
     size = aperture.diameter * per_metre
     digits = max(0, 5 - math.floor(math.log10(size)))
     rings = [np.round(np.asarray(ring) * per_metre, digits) + 0.0 for ring in aperture.rings]
@@ -124,7 +127,10 @@ class State:
         return (*map(float, points.min(0)), *map(float, points.max(0)))  # type: ignore[return-value]
 
     def with_width(self, width: float) -> State:
-        """Return the state with the outlines scaled about their centre to a given width."""
+        """Return the state with the outlines scaled about their centre to a given width.
+
+        Without outlines, and for widths of zero or less, the state is unchanged.
+        """
         x0, y0, x1, y1 = self.box
         if not (x1 > x0 and width > 0):
             return self
@@ -147,7 +153,10 @@ class History:
         return self.states[self.position]
 
     def add(self, state: State, gesture: str = "") -> None:
-        """Add a state; successive states of a gesture, such as a drag, form one undo step."""
+        """Add a state; successive states of a gesture, such as a drag, form one undo step.
+
+        States that were undone are dropped. A state equal to the current state is not added.
+        """
         if state == self.present:
             return
         first = self.position + (not gesture or gesture != self.gesture)
@@ -182,7 +191,10 @@ def rings_of_rows(rows: Sequence[tuple[int, float, float]]) -> Rings:
 
 
 def read_upload(name: str, content: bytes, unit: str) -> Rings:
-    """Return the outlines of an uploaded file; raise PolywignerError for a bad file."""
+    """Return the outlines of an uploaded file in ``unit``; raise PolywignerError for a bad file.
+
+    ``unit`` is also the unit of files that specify none.
+    """
     with tempfile.TemporaryDirectory(prefix="polywigner-") as folder:
         path = Path(folder) / f"aperture{Path(name).suffix}"
         path.write_bytes(content)
@@ -206,7 +218,7 @@ def geojson(state: State) -> str:
 
 @lru_cache(maxsize=64)
 def aperture_of(rings: Rings, per_metre: int) -> Aperture:
-    """Return the aperture in metres; raise GeometryError for outlines that intersect."""
+    """Return the aperture in metres; raise GeometryError for no outlines or crossing outlines."""
     if not rings:
         raise errors.GeometryError("there is no outline; draw an outline or choose a shape")
     polygons = nested([np.array(ring, dtype=np.float64) for ring in rings])

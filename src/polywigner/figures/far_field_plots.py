@@ -416,7 +416,10 @@ def _draw_rcs_cut(polar: Any, angles: Floats, levels: Floats, smooth: float | No
 
 
 def _label_angle(angles: Floats, levels: Floats) -> float:
-    """Return the angle in degrees, midway between two angle labels, near which a cut is lowest."""
+    """Return the angle in degrees, midway between two angle labels, near which a cut is lowest.
+
+    ``angles`` are in rad.
+    """
     candidates = np.radians(np.arange(22.5, 360.0, 45.0))
     distance = np.abs(np.angle(np.exp(1j * (angles - candidates[:, None]))))
     near = np.where(distance < math.radians(10.0), levels, -np.inf).max(axis=1)
@@ -424,7 +427,7 @@ def _label_angle(angles: Floats, levels: Floats) -> float:
 
 
 def _running_median(angles: Floats, levels: Floats, width: float) -> Floats:
-    """Return the running median of levels at evenly spaced angles; ``width`` is in radians."""
+    """Return the running median of levels at evenly spaced angles; angles and width are in rad."""
     import xarray
 
     half = min(int(width / (2 * abs(angles[1] - angles[0]))), (len(levels) - 1) // 2)
@@ -435,7 +438,7 @@ def _running_median(angles: Floats, levels: Floats, width: float) -> Floats:
 
 
 def _checked_rcs(pattern: Any, least: tuple[int, int] = (2, 2)) -> tuple[Floats, Floats, Floats]:
-    """Return azimuths (n,), elevations (m,) and levels (n, m) in dBsm."""
+    """Return azimuths (n,) and elevations (m,) in rad, and levels (n, m) in dBsm."""
     names = dict.fromkeys(("azimuth", "elevation", "rcs"), "")
     azimuth, elevation, values = arrays_of(pattern, names, "polywigner.rcs_pattern")
     if values.ndim != 2 or values.shape[0] < least[0] or values.shape[1] < least[1]:
@@ -450,7 +453,11 @@ def _checked_rcs(pattern: Any, least: tuple[int, int] = (2, 2)) -> tuple[Floats,
 def _rcs_cuts(
     pattern: tuple[Floats, Floats, Floats], cuts: Sequence[Any] | None
 ) -> list[tuple[str, Floats, Floats]]:
-    """Return the title, angles and levels of each cut, first over azimuth, then over elevation."""
+    """Return the title, angles and levels of each cut, first over azimuth, then over elevation.
+
+    Angles are in rad, and levels in dBsm. The second cut continues over the zenith to the azimuth
+    behind.
+    """
     if cuts is None:
         flat = upright = pattern
         nearest = int(np.abs(pattern[1]).argmin())

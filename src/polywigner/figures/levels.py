@@ -105,7 +105,10 @@ def level_db(values: ArrayLike, reference: float | None, floor_db: float) -> NDA
 
 
 def dbm(power: ArrayLike, floor: float = _LOWEST_DB) -> NDArray[np.float64]:
-    """Convert powers in watts to levels in dBm, clipped at ``floor``."""
+    """Convert powers in W to levels in dBm of at least ``floor``.
+
+    Negative powers and NaN are converted to the floor.
+    """
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(np.fmax(10 * np.log10(np.asarray(power) / _MILLIWATT), floor))
 
@@ -135,7 +138,11 @@ class Difference(NamedTuple):
 
 
 def difference_db(values: ArrayLike, reference: ArrayLike) -> xarray.DataArray:
-    """Return level differences from a reference in dB, with NaN at points that are not compared."""
+    """Return level differences of powers from a reference in dB, with NaN where none is computed.
+
+    NaN replaces points where the reference is below -30 dB of its peak, or the power is not
+    positive.
+    """
     import xarray
 
     field, true = xarray.DataArray(values), xarray.DataArray(reference)

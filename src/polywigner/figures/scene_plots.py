@@ -465,7 +465,10 @@ def _decibels(amplitudes: Any) -> Floats:
 def _draw_response(
     axes: Axes, frequencies: Floats, h: Any, amplitudes: Any, delays: Floats, names: list[str]
 ) -> None:
-    """Draw the impulse response of a channel in dB over the delay, and mark its paths."""
+    """Draw the impulse response of a channel in dB over the delay, and mark its paths.
+
+    ``frequencies`` are in Hz, and ``delays`` in s; NaN for paths that do not exist.
+    """
     exists = np.isfinite(delays)
     steps = np.diff(frequencies)
     axes.set(xlabel="delay (ns)", ylabel="level (dB)")

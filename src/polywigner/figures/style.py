@@ -259,7 +259,7 @@ def draw_disc(
     axes: Axes, theta: Any, phi: Any, levels: Any, low: float, high: float,
     label: str | None = None, names: str = "",
 ) -> Map:  # fmt: skip
-    """Draw levels (theta, phi) over direction cosines.
+    """Draw levels (theta, phi) over direction cosines; theta and phi are in rad.
 
     ``names`` contains the letters of the two cosines, for labels of the axes. If phi ends one step
     before the full circle, the disc is closed.

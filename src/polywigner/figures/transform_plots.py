@@ -192,7 +192,7 @@ def _default_position(support: pw.Aperture, centre: NDArray[np.float64]) -> Poin
 
 
 def _default_lag(aperture: pw.Aperture) -> Point:
-    """Return a lag in m at which the aperture overlaps its shifted copy."""
+    """Return a lag in m at which the aperture overlaps its shifted copy, by default (0, 0)."""
     xmin, ymin, xmax, ymax = aperture.bounds
     width, height = xmax - xmin, ymax - ymin
     for lag in ((width / 4, 0.0), (0.0, height / 4), (width / 16, 0.0), (0.0, height / 16)):

@@ -146,7 +146,10 @@ class Shadows:
             )
 
     def either(self, point: mi.Point3f, free: Callable[[mi.Point3f], Drjit]) -> Drjit:
-        """Return |U|^2 at a point in front of the source; ``free`` computes it near the source."""
+        """Return |U|^2 at a point in front of the source, in its frame and in scene units.
+
+        Within about three wavelengths of the source, ``free(point)`` computes it without obstacles.
+        """
         z, x, y = point.z, abs(point.x), abs(point.y)
         far = (z > self._near[2]) | (x > self._near[0]) | (y > self._near[1])
         if not self._jit:
@@ -154,7 +157,10 @@ class Shadows:
         return dr.if_stmt((point,), far, self.intensity, free, mode="symbolic")
 
     def intensity(self, point: mi.Point3f) -> Drjit:
-        """Return |U|^2 at a point in scene units, for a source with |u|^2 = 1."""
+        """Return |U|^2 behind obstacles at a point, for a source with |u|^2 = 1.
+
+        The point is in the source's frame, in scene units.
+        """
         at = tuple(c * self._inverse for c in (point.x, point.y, point.z))
         if not self._jit:
             # Rounding must not place the point behind its own surface.
@@ -183,7 +189,10 @@ class Shadows:
         self._has_edges = len(tables.edges) > 0  # A body around the source has no silhouette.
 
     def _field(self, at: Point) -> Field:
-        """Return the field with obstacles at a point in wavelengths, if |u|^2 = 1 at the source."""
+        """Return the field with obstacles at a point in wavelengths, if |u|^2 = 1 at the source.
+
+        The phase due to the distance from the source's centre is omitted.
+        """
         m, ops = self._m, self._ops
         wave_of = self._waves_of_nodes(at)
 
@@ -367,7 +376,10 @@ class Shadows:
         return wave * weight * boundary.scaled(-0.5 / math.pi) + bend
 
     def _wave_at_edge(self, number: Drjit, edge: _Edge) -> tuple[Pair, Pair]:
-        """Return the wave of a node at an edge, and its dipole contribution without obliquity."""
+        """Return the wave of a node at an edge, and its dipole contribution without obliquity.
+
+        Both are relative to a unit spherical wave from the node.
+        """
         m, row = self._m, edge.row
         along = edge.foot * row[15]
         interval = m.UInt32(dr.minimum(along, row[15] - 1.0))
@@ -512,7 +524,10 @@ def _scene_of(m: Any, bodies: list[Obstacle]) -> mi.Scene:
 
 
 def cast_shadows(scene: mi.Scene) -> None:
-    """Set the scene's obstacles for all sources and receivers with diffraction."""
+    """Set the scene's obstacles for all sources and receivers with diffraction.
+
+    Raises SceneError if there is such a source or receiver and the scene contains fog.
+    """
     plugins = [
         p for p in (*surfaces.sorted_emitters(scene), *scene.sensors()) if hasattr(p, "estimator")
     ]
@@ -541,7 +556,10 @@ def cast_shadows(scene: mi.Scene) -> None:
 
 @contextmanager
 def scene_known(scene: mi.Scene) -> Iterator[None]:
-    """Pass the scene to its receivers, and to its sources with diffraction."""
+    """Pass the scene to receivers, and obstacles to plugins with diffraction, in a ``with`` block.
+
+    The obstacles remain set after the block.
+    """
     cast_shadows(scene)
     for plugin in (*scene.emitters(), *scene.sensors()):
         if hasattr(plugin, "stand_at"):

@@ -196,13 +196,20 @@ class WignerEmitter(VariantPlugin):
         return number if self.jit else number[0]
 
     def radiance(self, x: mi.Point2f, direction: mi.Vector3f, wave: Wave) -> Drjit:
-        """Return the radiance at positions in directions (unit vectors) in the source's frame."""
+        """Return the radiance in W/(m^2 sr) at positions x in directions (unit vectors).
+
+        Both are in the source's frame, and positions are in scene units. For elements with several
+        polarisations, the result is a Stokes vector.
+        """
         traced = self._traced.wigner if self._is_differentiable() else None
         scale = self._kernel_value(self.power) * (wave.inverse * wave.inverse / self._norm)
         return scale * self._radiance.at(x, direction, wave, traced)
 
     def power_scale(self) -> Drjit:
-        """Return the ratio of the specified radiated power to the power of the unscaled field."""
+        """Return the ratio of the specified radiated power to the power of the unscaled field.
+
+        The unscaled field has |u|^2 in W/m^2.
+        """
         return self._kernel_value(self.power) / self._norm
 
     def _is_differentiable(self) -> bool:
@@ -276,7 +283,10 @@ class WignerEmitter(VariantPlugin):
         return dr.select(front, density, 0.0)
 
     def direction_to(self, it: mi.Interaction3f, x: mi.Point2f) -> tuple[mi.Vector3f, Drjit]:
-        """Return the unit vector and distance from x to the point ``it``, in the source's frame."""
+        """Return the unit vector from x to the point ``it`` of the scene, and their distance.
+
+        The vector is in the source's frame; ``x`` and the distance are in scene units.
+        """
         r = self.frame.to_local(it.p - self.frame.origin) - self.m.Vector3f(x.x, x.y, 0.0)
         distance = dr.norm(r)
         return r / distance, distance

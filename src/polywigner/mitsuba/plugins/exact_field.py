@@ -175,7 +175,11 @@ class ExactEstimator:
             )
 
     def irradiance(self, light: WignerEmitter, it: mi.Interaction3f, x: mi.Point2f) -> Drjit:
-        """Return the exact irradiance |U|^2 at a point, without the cosine of incidence."""
+        """Return the exact irradiance |U|^2 at a point in W/m^2, without the cosine of incidence.
+
+        It is zero behind the source; ``x`` is not used. Raises SceneError if derivatives with
+        respect to the source are enabled.
+        """
         if light.has_gradients():
             raise SceneError(FIXED)
         point = light.frame.to_local(it.p - light.frame.origin)
@@ -186,15 +190,24 @@ class ExactEstimator:
     def received(
         self, x: Drjit, direction: Drjit, point: Drjit = None, distance: Drjit = None
     ) -> Drjit:
-        """Return the weight of a ray, lambda^2 r^2 |U|^2/N, where U is the field at its end."""
+        """Return the weight of a ray in m^2, lambda^2 r^2 |U|^2/N, where U is the field at its end.
+
+        The end ``point``, in the receiver's frame, and the length r = ``distance`` are in scene
+        units; ``x`` and ``direction`` are not used.
+        """
         return self._scale * (distance * distance) * self.intensity(point)
 
     def set_shadows(self, key: str, shadows: Shadows | None) -> None:
-        """Set the shadows of a scene, or None if the scene has no obstacles."""
+        """Set the shadows of the scene with the digest ``key``, or None if it has no obstacles."""
         self.shadows_key, self._shadows = key, shadows
 
     def intensity(self, point: mi.Point3f) -> Drjit:
-        """Return the irradiance |U|^2 at a point in scene units, for a source with |u|^2 = 1."""
+        """Return the irradiance |U|^2 at a point in scene units, for a source with |u|^2 = 1.
+
+        The point is in the source's frame. For elements with several polarisations, the result is a
+        Stokes vector. If diffraction requires a scene that is not known, the result is NaN with a
+        warning, or a SceneError in scalar variants.
+        """
         if self._diffracts and not self.shadows_key and not self.scene_is_known:
             message = (
                 "a source or a receiver with diffraction requires its scene, which Mitsuba does "
@@ -296,7 +309,10 @@ _MOST_WAVES = 64
 
 @lru_cache(maxsize=16)
 def plane_waves_of(source: SceneSource) -> SceneSource:
-    """Replace the curved wave of a source by a sum of plane waves on each element."""
+    """Return a source whose curved wave is replaced by a sum of plane waves on each element.
+
+    A source without a curved wave is returned unchanged. Raises SceneError for a large curvature.
+    """
     if not isinstance(source, Wavefront):
         return source
     flat = normal_form(source.source)

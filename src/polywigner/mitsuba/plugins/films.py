@@ -27,7 +27,10 @@ _DATE = len("2000-01-01 00:00:00 ")
 
 @contextmanager
 def collected_log() -> Iterator[list[str]]:
-    """Collect Mitsuba's log messages in a list within a ``with`` block."""
+    """Collect Mitsuba's log messages in a list within a ``with`` block.
+
+    The list is filled at the end of the block.
+    """
     messages: list[str] = []
     # Mitsuba's threads must not call Python code, so messages pass through a file.
     with temporary_folder() as folder:
@@ -77,7 +80,10 @@ def threads_for_openexr() -> Iterator[None]:
 
 
 def mean_of_colours(image: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
-    """Return the average over the colour channels of an image, shape (height, width)."""
+    """Return the average over the colour channels of an image, shape (height, width).
+
+    The colours are the first three channels, or the first one if there are fewer than three.
+    """
     colours = 3 if image.shape[-1] >= 3 else 1
     return np.asarray(image[..., :colours].mean(axis=-1, dtype=np.float64))
 
@@ -95,7 +101,7 @@ _MOST_PER_PIXEL = 1 << 12
 
 
 def fineness(camera: mi.Sensor, samples: int) -> int:
-    """Return the factor by which a film is refined to limit the samples per pixel.
+    """Return the factor by which each side of a film is refined to limit the samples per pixel.
 
     It is 1 for cameras; only receivers have films that can be refined.
     """
@@ -125,7 +131,7 @@ def film_sizes(camera: mi.Sensor, factor: int = 1) -> list[list[int]]:
 
 @contextmanager
 def refined(camera: mi.Sensor, factor: int) -> Iterator[None]:
-    """Increase the resolution of a film by a factor within a ``with`` block."""
+    """Multiply the width and height of a film by a factor within a ``with`` block."""
     finer_pixels = [(camera, "fineness", factor)] if factor > 1 else []
     with changed(finer_pixels), _film_of_size(camera, *film_sizes(camera, factor)):
         yield
@@ -140,7 +146,7 @@ def coarse(image: npt.NDArray[Any], factor: int) -> npt.NDArray[np.float64]:
 
 @contextmanager
 def cropped(camera: mi.Sensor, top: int, rows: int, columns: int | None = None) -> Iterator[None]:
-    """Crop a film within a ``with`` block to ``rows`` rows from row ``top``.
+    """Crop a film within a ``with`` block to ``rows`` rows from row ``top`` of its crop window.
 
     ``columns`` is the number of columns from the left, by default all columns.
     """
@@ -274,7 +280,10 @@ _ENDLESS = 2**32 - 1
 
 
 def depths_of(integrator: mi.Integrator) -> dict[str, int]:
-    """Return ``max_depth`` (-1 without limit) and ``rr_depth`` of an integrator."""
+    """Return ``max_depth`` (-1 without limit) and ``rr_depth`` of an integrator by name.
+
+    The integrator ``direct`` has no ``rr_depth``.
+    """
     if integrator.class_name() == "DirectIntegrator":
         return {"max_depth": 2}
     depths: dict[str, int] = {"max_depth": -1, "rr_depth": 0}

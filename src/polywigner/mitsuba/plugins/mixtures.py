@@ -48,7 +48,8 @@ def emissions(
 ) -> list[tuple[SceneSource, Forms]]:
     """Return the source and the obliquity factor h of each term of a source's radiance.
 
-    The sum of h W over all terms is the radiance times the square of the wavelength.
+    The sum of h W over all terms is the radiance times the square of the wavelength. Raises
+    IlluminationError if all waves graze the plane of the source.
     """
     check_slopes(source, obliquity)
     terms = OBLIQUITIES[obliquity].terms(flat_source(source), wavelength)

@@ -44,13 +44,19 @@ class PlacedSource(SourceParameters):
 
     @property
     def fields(self) -> list[tuple[SceneSource, Stokes]]:
-        """Scalar sources, each with a Stokes vector, whose powers add up to the source."""
+        """Scalar sources and Stokes vectors; the sum of irradiance times vector is the total.
+
+        A single vector may be unphysical, such as (0, 0, 1, 0).
+        """
         if self.polarisation is None:
             return [(self.source, (1.0, 0.0, 0.0, 0.0))]
         return stokes_fields(self.source, self.polarisation)
 
     def mirrored(self, normal: Floats, offset: float) -> PlacedSource:
-        """Return the mirror image in the plane ``normal . p = offset``, with the offset in m."""
+        """Return the mirror image in the plane ``normal . p = offset``, with the offset in m.
+
+        ``normal`` is a unit vector in the frame of the scene.
+        """
         reflection = np.eye(4)
         reflection[:3, :3] -= 2 * np.outer(normal, normal)
         reflection[:3, 3] = 2 * offset * normal
@@ -65,23 +71,26 @@ class PlacedSource(SourceParameters):
         return image
 
     def points(self, positions: Floats) -> Floats:
-        """Convert positions (n, 2) in the source's plane to points (n, 3) in space, in m."""
+        """Convert positions (n, 2) in the source's plane to points (n, 3) of the scene, in m."""
         result: Floats = positions @ self.pose[:3, :2].T + self.pose[:3, 3]
         return result
 
     @property
     def centre(self) -> Floats:
-        """Centre of the bounding box of the source in m, shape (3,)."""
+        """Centre of the bounding box of the source in the scene in m, shape (3,)."""
         result: Floats = self.points(np.reshape(self.source.bounds, (2, 2)).mean(axis=0)[None])[0]
         return result
 
     @property
     def normal(self) -> Floats:
-        """Unit normal on the side of the source that radiates or receives, shape (3,)."""
+        """Unit normal in the scene on the side that radiates or receives, shape (3,)."""
         return self.pose[:3, 2]
 
     def cosines_to(self, point: Floats) -> tuple[float, float]:
-        """Return the direction cosines along x and y from the centre to a point."""
+        """Return the direction cosines along the source's x and y axes from its centre to a point.
+
+        The point is in the frame of the scene, in m.
+        """
         away = self.pose[:3, :3].T @ (point - self.centre)
         alpha, beta, _ = (away / np.linalg.norm(away)).tolist()
         return alpha, beta
@@ -199,7 +208,10 @@ class FacingParts:
 
 
 def facing_parts(emitter: PlacedSource, receiver: PlacedSource) -> FacingParts | None:
-    """Return the parts of two sources in front of each other's planes, or None."""
+    """Return the parts of two sources in front of each other's planes.
+
+    The result is None if one of the sources has no such part.
+    """
     sizes = [
         max(float(np.abs(values).max()) for values in (end.pose[:3, 3], end.source.bounds))
         for end in (emitter, receiver)

@@ -133,7 +133,11 @@ class Polariser:
     def sent(
         self, value: Drjit, direction: Drjit, frame: Frame, active: Drjit, along: Drjit = None
     ) -> Drjit:
-        """Return the emitted Stokes vector as the first column of a Mueller matrix."""
+        """Return the emitted Stokes vector as the first column of a Mueller matrix.
+
+        ``direction`` is in the source's frame, and ``along`` is the same direction in the scene.
+        Without a polarisation, the result is an unpolarised spectrum.
+        """
         if self._is_plain:
             return spectrum(self._m, value, active)
         s0, s1, s2, s3 = self._stokes(value, active)
@@ -143,7 +147,11 @@ class Polariser:
         return mueller_matrix(self._m, {(k, 0): value for k, value in enumerate(column)})
 
     def received(self, value: Drjit, direction: mi.Vector3f, frame: Frame, active: Drjit) -> Drjit:
-        """Return half the row vector that weights Stokes parameters, as a Mueller matrix."""
+        """Return half the row vector that weights Stokes parameters, as a Mueller matrix.
+
+        ``direction`` points from the receiver to the source, in the receiver's frame. Without a
+        polarisation, the result is an unpolarised spectrum of ``value``, not half of it.
+        """
         if self._is_plain:
             return spectrum(self._m, value, active)
         s0, s1, s2, s3 = (0.5 * number for number in self._stokes(value, active))

@@ -55,7 +55,10 @@ from polywigner.source.obliquities import DEFAULT
 
 
 def distance_to_surface(m: Any, scene: mi.Scene, ray: mi.Ray3f, far: Drjit, active: Drjit) -> Drjit:
-    """Return the distance along a ray to the first surface that is not null, or ``far``."""
+    """Return the distance along a ray to the first surface that is not null, in scene units.
+
+    Without such a surface, the result is ``far`` or more.
+    """
     direction = m.Vector3f(ray.d)
     state = (m.Point3f(ray.o), m.Float(0.0), m.Bool(active))
 
@@ -82,14 +85,17 @@ def _spawn_offset(m: Any, point: mi.Point3f) -> Drjit:
 
 
 def direction_of(m: Any, angles: mi.Point2f) -> mi.Vector3f:
-    """Convert the angles (alpha, psi) to a unit vector in the frame of the receiver."""
+    """Convert the angles (alpha, psi) to a unit vector in the frame of the receiver.
+
+    alpha is the direction cosine along x, and psi the angle in rad about the x axis, zero along +z.
+    """
     rho = _root_of_positive(1.0 - angles.x * angles.x)
     sine, cosine = dr.sincos(angles.y)
     return m.Vector3f(angles.x, rho * sine, dr.abs(rho * cosine) + _GRAZING)
 
 
 def angles_in_pixel(m: Any, point: mi.Point2f, size: tuple[int, int]) -> tuple[mi.Point2f, Drjit]:
-    """Map a film position to angles (alpha, psi), and return the solid angle of its pixel.
+    """Map a film position in pixels to angles (alpha, psi) and the solid angle of its pixel.
 
     ``size`` is the number of columns and rows. The angles are uniformly distributed in solid angle.
     """
@@ -235,7 +241,7 @@ class WignerReceiver(VariantPlugin):
 
     @property
     def ray_offset(self) -> mi.Vector3f:
-        """Vector from the receiver to the start of a ray in front of it."""
+        """Vector in scene units from the receiver to the start of a ray in front of it."""
         return self._frame.axes[2] * self._ray_offset
 
     def _pass_surfaces(self, ray: mi.RayDifferential3f, coins: Drjit, active: Drjit) -> Drjit:
@@ -272,7 +278,7 @@ class WignerReceiver(VariantPlugin):
     def _end_of_ray(
         self, ray: mi.RayDifferential3f, x: mi.Point2f, direction: mi.Vector3f, active: Drjit
     ) -> tuple[mi.Point3f, Drjit]:
-        """Return the point where a ray meets a surface, and the length of the ray.
+        """Return the point where a ray meets a surface, and the length of the ray, in scene units.
 
         The point is in the frame of the receiver. Rays that meet no surface end at a distant point.
         """

@@ -101,7 +101,10 @@ class Directions:
         self._inverse_area = 1.0 / float(np.prod(sides))
 
     def sample(self, sample: mi.Point2f) -> tuple[mi.Point2f, Drjit]:
-        """Map points of the unit square to angles (alpha, psi) and their density."""
+        """Map points of the unit square to angles (alpha, psi), and return their density.
+
+        The density is per solid angle.
+        """
         point, density = self._warp.sample(sample)
         return self._m.Point2f(point * self._size + self._low), density * self._inverse_area
 
@@ -142,8 +145,8 @@ def _mean_pattern(
 ) -> Floats:
     """Return the far-field pattern g |F|^2 on a grid of angles, averaged over each cell.
 
-    ``counts`` is the number of cells along both axes, and ``within`` the number of samples along
-    each side of a cell.
+    ``counts`` is the number of cells along alpha and psi. The result has a row for each of the
+    counts[1] + 1 angles psi. ``within`` is the number of samples along each side of a cell.
     """
     steps = np.array([2.0, math.pi]) / counts
     shifts = (np.arange(within) + 0.5) / within - 0.5
@@ -177,7 +180,7 @@ class Frame:
             dr.make_opaque(self.axes, self.origin)
 
     def to_local(self, v: mi.Vector3f) -> mi.Vector3f:
-        """Convert a vector in the scene to this frame."""
+        """Convert a vector in the scene, such as a point minus ``origin``, to this frame."""
         return self._m.Vector3f(*(dr.dot(axis, v) for axis in self.axes))
 
     def to_scene(self, v: mi.Vector3f) -> mi.Vector3f:
@@ -186,13 +189,16 @@ class Frame:
         return ex * v.x + ey * v.y + ez * v.z
 
     def point(self, x: mi.Point2f) -> mi.Point3f:
-        """Convert a position in the source's plane to a point of the scene."""
+        """Convert a position in the source's plane to a point of the scene.
+
+        The position is relative to the source's centre, in scene units.
+        """
         ex, ey, _ = self.axes
         return self.origin + ex * x.x + ey * x.y
 
 
 def spectrum(m: Any, value: Drjit, active: Drjit) -> Drjit:
-    """Return an unpolarised spectrum of equal values."""
+    """Return an unpolarised spectrum of equal values, which is zero where ``active`` is false."""
     return m.depolarizer(m.UnpolarizedSpectrum(dr.select(active, value, 0.0)))
 
 

@@ -124,7 +124,7 @@ class SourceParameters:
         """Divide a polarised source into scalar sources, each with a Stokes vector.
 
         The sum of the Stokes vectors, weighted by the irradiances of the scalar sources, is the
-        Stokes vector of the light.
+        Stokes vector of the light. The vector is None unless elements have different polarisations.
         """
         if self.polarisation is None or not self.has_several:
             return [(source, None)]
@@ -289,7 +289,10 @@ class _SceneValues:
                 )
 
     def choice(self, kind: str, known: Iterable[str], default: str | None = None) -> str:
-        """Return a parameter that is one of ``known``; ``kind`` names it, as in "an estimator"."""
+        """Return a parameter that is one of ``known``, by default ``default`` or the first of them.
+
+        ``kind`` names the parameter, as in "an estimator".
+        """
         known = tuple(known)
         name = self.text(kind.split()[1], default or known[0])
         if name not in known:
@@ -341,7 +344,7 @@ class _SceneValues:
         )
 
     def polarisation(self, source: SceneSource) -> Complex | None:
-        """Return the Jones vectors of a source, or None for unpolarised light."""
+        """Return the Jones vectors (2,) or (n, 2) of a source, or None for unpolarised light."""
         text = self.text("polarisation", UNPOLARISED)
         if text.strip().lower() == UNPOLARISED:
             return None
@@ -389,7 +392,10 @@ class _SceneValues:
 
 
 def rigid_pose(matrix: Any) -> Floats:
-    """Convert a matrix of NumPy or of any variant of Mitsuba to a read-only pose, shape (4, 4)."""
+    """Convert a matrix of NumPy or of any variant of Mitsuba to a read-only pose, shape (4, 4).
+
+    Raises SceneError unless the matrix is a rigid motion.
+    """
     try:
         values = np.array(matrix)
         # Matrices of compiled variants have a last axis of length 1.

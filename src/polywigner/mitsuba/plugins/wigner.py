@@ -132,7 +132,8 @@ class WignerRadiance:
     ) -> Drjit:
         """Return the radiance times the squared wavelength in m^2, as a number or Stokes vector.
 
-        ``wigner(ops, x, y, nu_x, nu_y)`` replaces the Wigner function of each term.
+        The position ``x`` is in scene units. ``wigner(ops, x, y, nu_x, nu_y)``, in m and 1/m,
+        replaces the Wigner function of each term.
         """
         position = (x.x * self._unit, x.y * self._unit)
         frequency = self._flattened(_frequency(direction, wave), position, wave.inverse)
@@ -176,7 +177,7 @@ class WignerRadiance:
     ) -> Drjit:
         """Return the integral of :meth:`at` over all positions, in m^4.
 
-        ``intensity(ops, nu_x, nu_y)`` replaces the |F|^2 of each term.
+        ``intensity(ops, nu_x, nu_y)``, with frequencies in 1/m, replaces the |F|^2 of each term.
         """
         x, y = _frequency(direction, wave)
 
@@ -229,7 +230,10 @@ class WignerEstimator:
             )
 
     def irradiance(self, light: WignerEmitter, it: mi.Interaction3f, x: mi.Point2f) -> Drjit:
-        """Return the irradiance L cos/r^2 from the position ``x``, divided by its density."""
+        """Return L cos/r^2 from the position ``x``, divided by the density of positions, in W/m^2.
+
+        cos belongs to the emission angle at the source; the cosine of incidence is not included.
+        """
         direction, distance = light.direction_to(it, x)
         value = light.radiance(x, direction, light.wave(x, it.p)) * direction.z
         return value / (distance * distance * self.density)
@@ -237,9 +241,10 @@ class WignerEstimator:
     def received(
         self, x: Drjit, direction: Drjit, point: Drjit = None, distance: Drjit = None
     ) -> Drjit:
-        """Return the ray weight h W cos/N, divided by the density of positions in scene units.
+        """Return the ray weight h W cos/N in m^2, divided by the density of positions.
 
-        ``x`` is the start of the ray in the frame of the receiver; its end is not used.
+        The density is per square scene unit. ``x`` is the start of the ray in the frame of the
+        receiver; its end is not used.
         """
         wave = self._radiance.waves.wave(self._inverse, x, direction)
         return self._scale * self._radiance.at(x, direction, wave) * direction.z / self.density
@@ -307,7 +312,10 @@ class TracedSource:
         return values.reshape(-1, 2)
 
     def wigner(self, ops: Any, *point: Drjit) -> Drjit:
-        """Return the Wigner function W(x, nu) of the centred source, with derivatives."""
+        """Return the Wigner function W(x, nu) of the centred source in m^2, with derivatives.
+
+        ``point`` contains x, y in m, and nu_x, nu_y in 1/m.
+        """
         frame = self._tables.frame
         x, y = zip(*(frame.position(ops, *corner) for corner in self._vertices()), strict=True)
         fields = None
@@ -320,7 +328,7 @@ class TracedSource:
         return value
 
     def intensity(self, ops: Any, *nu: Drjit) -> Drjit:
-        """Return |F(nu)|^2 of the centred source, with derivatives."""
+        """Return |F(nu)|^2 of the centred source in m^4, with derivatives; ``nu`` is in 1/m."""
         code = DrjitOperations(ops.float_type, most_as_code=math.inf)
         corners = iter(self._vertices())
         weights = None if self.weights is None else self._pairs_of_numbers(self.weights)

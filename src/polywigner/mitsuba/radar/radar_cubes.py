@@ -273,7 +273,10 @@ def _samples(
     with_noise: bool,
     seed: tuple[int, int, int],
 ) -> Complex:
-    """Return the samples (element, emitter, chirp, sample) of one receiver in one draw."""
+    """Return the samples (element, emitter, chirp, sample) of one receiver in one draw.
+
+    ``seed`` contains the seed of the cube, the index of the receiver and the number of the draw.
+    """
     wave, random = radar.waveform, np.random.default_rng(seed)
     spectra = np.zeros((len(links), len(radar.emitters), wave.chirps, wave.samples), np.complex128)
     for k, of_element in enumerate(links):
@@ -529,7 +532,10 @@ def _nonuniform_fft(slopes: list[Floats], shape: list[int], count: int) -> Any:
 
 
 def _series(amounts: Floats, along: Floats, tolerance: float) -> Iterator[tuple[Complex, Floats]]:
-    """Yield the power-series terms of ``exp(2 pi i amounts along)`` as pairs of factors."""
+    """Yield the power-series terms of ``exp(2 pi i amounts along)`` as pairs of factors.
+
+    The factors have the shapes of ``amounts`` and ``along``; each term is their outer product.
+    """
     scale = float(np.abs(along).max()) or 1.0
     phases = 2j * np.pi * amounts * scale
     largest = float(np.abs(phases).max(initial=0.0))

@@ -94,7 +94,11 @@ def is_transient(integrator: Any) -> bool:
 
 
 def transient_integrator(integrator: Any, scene: Any, sensor: Any) -> mi.Integrator:
-    """Return an integrator of mitransient that traces the same paths as ``integrator``."""
+    """Return an integrator of mitransient that traces the same paths as ``integrator``.
+
+    Raises SceneError for other integrators, lights at infinity, heterogeneous fog, and a sensor in
+    fog.
+    """
     require_transients()
     checked_scene(scene)
     # Mitsuba places lights at infinity on a sphere of arbitrary size.
@@ -158,8 +162,8 @@ def sorted_by_range(
 ) -> Floats:
     """Render power or radiance by path length, shape (height, width, bins + 2).
 
-    The first and last values belong to paths shorter and longer than all bins. ``edges`` are in
-    scene units. A receiver has a single pixel.
+    The first and last values belong to paths shorter and longer than all bins. ``edges`` are path
+    lengths (twice the range) in scene units. A receiver has a single pixel, with power in W.
     """
     width, height = sensor.film().crop_size()
     passes = math.ceil(spp / max(1, WAVEFRONT // (int(width) * int(height))))
@@ -190,7 +194,7 @@ def _one_pass(
 
 
 def _range_sensor(sensor: Any, edges: Floats, factor: int) -> RangeSensor:
-    """Return a sensor with the rays of ``sensor`` and a refined film that sorts by range."""
+    """Return a sensor with the rays of ``sensor`` and a refined film that sorts by path length."""
     size, window, offset = film_sizes(sensor, factor)
     check_bin_count(window, edges)
     about = mi.Properties("range_film")
@@ -305,9 +309,9 @@ class RangeSensor(VariantPlugin):
         return m.Spectrum(m.mueller.rotate_stokes_basis(-d, *axes))
 
     def _start_distance(self, ray: mi.Ray3f) -> Drjit:
-        """Return the distance from the sensor to the start of a ray.
+        """Return the distance from the sensor to the start of a ray, in scene units.
 
-        This is the near-clip distance of a camera, or the ray_offset-off distance of a receiver.
+        This is the near-clip distance of a camera, or the offset along the ray of a receiver.
         """
         if is_receiver(self._sensor):
             return dr.dot(self._sensor.ray_offset, ray.d)

@@ -158,7 +158,7 @@ def range_profile(
 def received_by_range(
     scene: Any, numbers: list[int], options: ReceiveOptions, edges: Floats, sample: Sampled
 ) -> tuple[list[ReceivedPower], xarray.Dataset]:
-    """Return the received power of receivers, and their power by range."""
+    """Return the received power of receivers, and their power by range with bin ``edges`` in m."""
     result = received(scene, numbers, options, sample, edges)
     return result.powers, _profile_of(scene, result, edges)
 
@@ -324,7 +324,8 @@ def range_frames(
     scene : mi.Scene
         Scene of a compiled variant. The camera specifies the image size, the crop and the sampler.
     ranges : array_like, shape (n + 1,)
-        Ascending edges of n bins in m, zero or more.
+        Ascending edges of n bins in m, zero or more. In scenes without ``wigner`` shapes, a scene
+        unit counts as a metre.
     spp : int, optional
         Samples per pixel. Default: the value of the sampler.
     seed : int, default 0

@@ -350,7 +350,7 @@ def checked_velocities(velocities: Mapping[str, ArrayLike]) -> dict[str, Floats]
 
 
 def _depth_of(integrator: Any) -> int:
-    """Return the maximum path depth of a scene's integrator."""
+    """Return the maximum path depth of a scene's integrator, or 2^20 without a limit."""
     depth = -1 if integrator is None else depths_of(integrator)["max_depth"]
     return depth if 0 < depth < _NO_LIMIT else _NO_LIMIT
 

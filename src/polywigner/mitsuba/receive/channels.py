@@ -164,7 +164,7 @@ def channel(
 
 
 def checked_frequencies(frequencies: Any) -> Floats:
-    """Convert numbers or strings to frequencies in Hz."""
+    """Convert a number in Hz, a string or several of them to an array (n,) of frequencies in Hz."""
     values = [frequencies] if isinstance(frequencies, str) else frequencies
     if isinstance(values, list | tuple):
         values = [parse_frequency(value) if isinstance(value, str) else value for value in values]
@@ -437,7 +437,10 @@ def _in_band(compute: Callable[[float], Complex], frequencies: Floats, tolerance
 
 
 def _interpolated(nodes: Floats, values: Complex, frequencies: Floats) -> Complex:
-    """Interpolate values at Chebyshev nodes to frequencies by a polynomial."""
+    """Interpolate values (nodes, k) at Chebyshev nodes to n frequencies by a polynomial.
+
+    The result has the shape (n, k).
+    """
     low, high = nodes[[0, -1]]
     scaled = [(2 * x - low - high) / (high - low) for x in (nodes, frequencies)]
     coefficients = chebyshev.chebfit(scaled[0], values, len(nodes) - 1)

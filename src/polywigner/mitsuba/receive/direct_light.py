@@ -51,9 +51,10 @@ from polywigner.source.polarisation import Stokes
 
 
 def free_space_coupling(parts: FacingParts, tolerance: float) -> float:
-    """Return the ratio of received to radiated power in free space.
+    """Return the ratio of received to radiated power in free space, without polarisation.
 
-    It is the sum of :func:`polywigner.coupling` over the waves of emitter and receiver.
+    It is the weighted sum of |b|^2, with b of :func:`polywigner.coupling`, over the waves of
+    emitter and receiver.
     """
     emitter, receiver = parts.emitter, parts.receiver
     link = f"the link from emitter {emitter.name!r} to receiver {receiver.name!r}"
@@ -185,7 +186,10 @@ class DeltaLight(NamedTuple):
 
 
 def delta_lights(scene: Any) -> list[DeltaLight]:
-    """Return the point, spot, projector and directional lights of a scene."""
+    """Return the point, spot, projector and directional lights of a scene.
+
+    Raises SceneError for lights that radiate from a surface in a single direction.
+    """
     lights = []
     for number, emitter in enumerate(sorted_emitters(scene)):
         flags, name = emitter.flags(), emitter.id() or f"light {number}"
@@ -263,7 +267,7 @@ def _delta_path(
 def _starts(
     scene: Any, receiver: PlacedSource, light: DeltaLight, end: Floats, chain: Chain
 ) -> tuple[Floats, Floats]:
-    """Return the starts of rays from a light to ``end``, and the mirror image of the light.
+    """Return the starts (n, 3) of rays from a light to ``end``, and the light's mirror image, in m.
 
     The image of a directional light is a point 1 m away from the receiver.
     """

@@ -54,7 +54,7 @@ def point_batches(*arrays: NDArray[np.float64]) -> Iterator[tuple[Drjit, ...]]:
 
 
 def joined(values: Iterable[Drjit]) -> Floats:
-    """Join the values of several batches into one NumPy array."""
+    """Join the values of several batches into a flat NumPy array."""
     return np.concatenate([np.ravel(np.array(value, np.float64)) for value in values])
 
 
@@ -134,6 +134,7 @@ class RayTracer:
     def trace(self, medium: Any, planes: Sequence[Plane], points: list[Any]) -> Transmission:
         """Trace rays via mirrors, and return the transmission from the last to the first point.
 
+        ``points``, in scene units, lie on the receiver, on the mirrors and on the emitter.
         ``medium`` is the fog at the first point. ``planes`` are the planes of the mirrors.
         """
         fraction, panes = self._full_transmission(), []
@@ -160,7 +161,10 @@ class RayTracer:
         return Transmission(fraction, first, direction, panes)
 
     def unobstructed(self, si: Any, point: Any) -> Drjit:
-        """Return the transmission from a surface to a point of a light, without fog."""
+        """Return the transmission from a surface to a point of a light, without fog.
+
+        It is zero if a surface blocks the light.
+        """
         medium = mi.MediumPtr(None) if dr.is_jit_v(mi.Float) else None
         it, passed, _, _ = self._to_first_surface(si.spawn_ray_to(point), medium)
         return dr.select(it.is_valid(), 0.0, passed)
@@ -238,7 +242,10 @@ class RayTracer:
         return fraction, columns
 
     def _reflectance(self, si: Any, active: Any, plane: Plane) -> Drjit:
-        """Return the specular reflectance of a mirror, or zero if a normal map tilts the ray."""
+        """Return the specular reflectance of a mirror, or zero if a normal map tilts the ray.
+
+        Coherent tracers return its ratio to the Fresnel reflectance.
+        """
         nodes = bsdfs_in(plane.shape.bsdf())
         masks = list(takewhile(lambda node: node.class_name() == MASK, nodes))
         bsdf = nodes[len(masks)]

@@ -382,7 +382,11 @@ _FINE, _COARSE = (64, 64), (24, 4)
 
 
 def arrival_map(scene: Any, receiver: int, seed: int = 0) -> NDArray[np.float64]:
-    """Return a map (n, n) of scattered and incoherent power in W by direction of arrival."""
+    """Return a map (n, n) of scattered and incoherent power in W by direction of arrival.
+
+    Rows and columns are evenly spaced in the direction cosines along the receiver's y and x axes,
+    from -1 to 1.
+    """
     _, original = receivers_of(scene)[receiver]
     size, spp = _FINE if dr.is_jit_v(mi.Float) else _COARSE
     props = mi.Properties(RECEIVER)

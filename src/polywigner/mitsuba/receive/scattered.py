@@ -90,7 +90,10 @@ def _boxes(shape: Any) -> list[Floats]:
 
 
 def _vectors_to_boxes(sensor: Any, boxes: Floats) -> Floats:
-    """Return vectors (boxes, points, 3) from a receiver to boxes, in its frame."""
+    """Return vectors (boxes, points, 3) from a receiver to boxes, in its frame, in scene units.
+
+    Boxes that are not entirely in front of the receiver are omitted.
+    """
     grid = np.linspace(0.0, 1.0, _POINTS)
     inner = np.stack(np.meshgrid(grid, grid, grid), axis=-1).reshape(-1, 3)
     points = boxes[:, None, 0] + np.diff(boxes, axis=1) * inner
@@ -159,7 +162,10 @@ class AimedDirections:
             self._count = dr.opaque(m.UInt32, self._count)
 
     def sample(self, sample: Any) -> tuple[Drjit, Drjit]:
-        """Map points of the unit square to angles and their density."""
+        """Map points of the unit square to angles (alpha, psi), and return their density.
+
+        The density is per solid angle.
+        """
         m = self._m
         aims = sample.x < _AIMED
         unaimed = dr.select(aims, 0.5, (sample.x - _AIMED) * (1 / (1 - _AIMED)))
@@ -237,7 +243,11 @@ class Scattering:
     def batch(
         self, scene: Any, number: int, done: Callable[[], None] = lambda: None
     ) -> NDArray[np.float64]:
-        """Render one batch; return powers in W, shape (lights, *values)."""
+        """Render one batch; return powers in W, shape (lights, *values).
+
+        The lights are in the order of `lights_of`. The power of a coherent source includes all
+        incoherent lights, which `by_source` subtracts. ``done`` is called after each light.
+        """
         seed, samples = seed_of(self.seed, number), batch_spp(self.spp)
         warn = self.edges is None or number == 0
         exposure = exposed(scene, self.integrator, samples, seed, self.sensor, warn)

@@ -162,9 +162,10 @@ class CentralPath(NamedTuple):
         return float(np.linalg.norm(across) / math.sqrt(2.0))
 
     def arriving(self, jones: Complex, axes: Floats, chain: Sequence[Mirror] = ()) -> Complex:
-        """Return the electric field (3,) at the end for a Jones vector at the start.
+        """Return the electric field (3,) in the scene at the end for a Jones vector at the start.
 
-        ``axes`` (3, 3) are the axes of the source in its columns.
+        The distance changes neither phase nor modulus. ``axes`` (3, 3) are the axes of the source
+        in its columns.
         """
         steps = np.diff(self.points, axis=0)
         steps /= np.linalg.norm(steps, axis=1)[:, None]
@@ -190,7 +191,11 @@ def diffracted_ratio(
     chain: Sequence[Mirror],
     wavelength: float,
 ) -> complex:
-    """Return the ratio b/b_0 of the couplings with and without obstacles."""
+    """Return the ratio b/b_0 of the couplings with and without obstacles, or 1 without obstacles.
+
+    ``emitter`` is the real emitter, not its mirror image. Vertices of ``meshes`` and the wavelength
+    are in m.
+    """
     image = emitter.image(chain)
     if chain:
         meshes = _unfolded(meshes, emitter, receiver, chain)
@@ -313,7 +318,8 @@ def _clipped_mesh(points: Floats, faces: Any, normal: Floats, offset: float) -> 
 def even_points(count: int, dimensions: int, shift: float | Floats = 0.5) -> Floats:
     """Return quasi-random points (count, dimensions) in the unit cube.
 
-    Source: M. Roberts, "The unreasonable effectiveness of quasirandom sequences" (2018).
+    The first point is ``shift``. Source: M. Roberts, "The unreasonable effectiveness of quasirandom
+    sequences" (2018).
     """
     root = 1.0
     for _ in range(64):  # Fixed point of x^(dimensions + 1) = x + 1.

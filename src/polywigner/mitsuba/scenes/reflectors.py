@@ -47,7 +47,7 @@ class Mirror:
     offset: float
 
     def image_of(self, points: Floats) -> Floats:
-        """Return the mirror images of points (..., 3)."""
+        """Return the mirror images of points (..., 3) in m."""
         height = points @ self.normal - self.offset
         result: Floats = points - 2 * height[..., None] * self.normal
         return result
@@ -58,7 +58,7 @@ Chain = tuple[Mirror, ...]
 
 
 def reflected_points(points: Floats, chain: Chain) -> Floats:
-    """Return the mirror images of points after reflections by several mirrors in turn."""
+    """Return the mirror images of points (..., 3) in m after reflections by mirrors in turn."""
     for mirror in chain:
         points = mirror.image_of(points)
     return points
@@ -110,7 +110,10 @@ def _quoted(names: list[str]) -> str:
 
 
 def chains_of(mirrors: list[Mirror], most: int) -> Iterator[Chain]:
-    """Yield sequences of 1 to ``most`` mirrors without immediate repetitions."""
+    """Yield sequences of 1 to ``most`` mirrors without immediate repetitions.
+
+    Raises SceneError for too many sequences.
+    """
     count = len(mirrors)
     total = sum(count * (count - 1) ** k for k in range(most)) if count else 0
     if total > _MOST_CHAINS:
@@ -126,7 +129,10 @@ def chains_of(mirrors: list[Mirror], most: int) -> Iterator[Chain]:
 
 
 def _planes(shape: mi.Shape) -> list[tuple[Floats, float]]:
-    """Return the normals and offsets of the planes of a shape, or no planes if it is curved."""
+    """Return the normals and offsets of the planes of a shape, or no planes if it is curved.
+
+    Normals are unit vectors, and offsets are in scene units.
+    """
     params = mi.traverse(shape)
     has_faces = "vertex_positions" in params and "faces" in params
     points, normals = _corners_and_normals(shape) if has_faces else _centre_and_normal(shape)
@@ -143,14 +149,17 @@ def _planes(shape: mi.Shape) -> list[tuple[Floats, float]]:
 
 
 def _is_same_plane(plane: tuple[Floats, float], normal: Floats, offset: float, size: float) -> bool:
-    """Return whether two planes are equal; ``size`` is the largest coordinate of the shape."""
+    """Return whether two planes are equal, even if their normals are opposite.
+
+    ``size`` is the largest coordinate of the shape.
+    """
     sign = np.sign(normal @ plane[0])
     difference = np.abs(normal - sign * plane[0]).max()
     return bool(difference <= _FLAT and abs(offset - sign * plane[1]) <= _FLAT * size)
 
 
 def _corners_and_normals(shape: mi.Mesh) -> tuple[Floats, Floats]:
-    """Return a corner and the unit normal of each triangle."""
+    """Return a corner and the unit normal of each triangle with an area, shapes (n, 3)."""
     a, b, c = np.moveaxis(vertices_of(shape)[faces_of(shape)], 1, 0)
     normals = np.cross(b - a, c - a)
     lengths = np.linalg.norm(normals, axis=1)
@@ -191,9 +200,10 @@ class Surface:
     def coefficients(self, cosine: Any) -> tuple[Complex, Complex]:
         """Return the reflection coefficients of the electric field for s and p polarisation.
 
-        The unit vector of p polarisation is s x k before and after reflection, so a perfect
-        conductor has the coefficients -1 and +1. The modulus for a sheet is the square root of
-        2R/(1 + R), with the reflectance R of one face. The time factor is exp(-i omega t).
+        ``cosine`` belongs to the angle of incidence. The unit vector of p polarisation is s x k
+        before and after reflection, so a perfect conductor has the coefficients -1 and +1. The
+        modulus for a sheet is the square root of 2R/(1 + R), with the reflectance R of one face.
+        The time factor is exp(-i omega t).
         """
         faces = self._of_one_face(cosine)
         if not self.is_thin:
@@ -226,7 +236,10 @@ def _sheet_reflectance(power: Any) -> Floats:
 
 
 def surface_of(mirror: Mirror, is_before: bool) -> Surface:
-    """Return the front surface of a mirror if ``is_before`` is true, otherwise its back surface."""
+    """Return the front surface of a mirror if ``is_before`` is true, otherwise its back surface.
+
+    The front is the side of the mirror's normal. Raises SceneError if the reflection has no phase.
+    """
     nodes = bsdfs_in(mirror.shape.bsdf())
     smooth = [node for node in nodes if node.class_name() in _SURFACES]
     kinds = {node.class_name() for node in nodes}
@@ -253,7 +266,11 @@ def _mean_number(value: Any) -> float:
 
 
 def reflected(field: Any, direction: Floats, normal: Floats, surface: Surface) -> Complex:
-    """Return the electric field of a plane wave after reflection, shape (3,)."""
+    """Return the electric field of a plane wave after reflection, shape (3,).
+
+    ``direction`` is the propagation direction. It and ``normal``, which may point to either side,
+    are unit vectors.
+    """
     across = np.cross(normal, direction)
     if np.linalg.norm(across) < _NORMAL_INCIDENCE:
         across = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
@@ -280,7 +297,10 @@ class Body:
     bounces: int
 
     def target_facing(self, image: PlacedSource, like: PlacedSource) -> PlacedSource:
-        """Return a square at the body's centre that faces a source, as a target for rays."""
+        """Return a square at the body's centre that faces a source, as a target for rays.
+
+        Its side is half the diagonal of the body's bounding box.
+        """
         z = image.centre - self.facets.centre
         z /= np.linalg.norm(z)
         x = np.cross(np.eye(3)[np.abs(z).argmin()], z)
@@ -337,7 +357,7 @@ class Echo:
 
     @property
     def position(self) -> Floats:
-        """Centre of the body's mirror image at the receiver, shape (3,)."""
+        """Centre in m of the body's mirror image that the receiver sees, shape (3,)."""
         return reflected_points(self.body.facets.centre, self.after)
 
 
@@ -392,7 +412,7 @@ def _echoes_of(bodies: Sequence[Body], mirrors: Sequence[Mirror], reflections: i
 def routes_in(
     scene: mi.Scene, unit: float, reflections: int, bodies: Sequence[Body] = ()
 ) -> tuple[list[Route], list[str]]:
-    """Return the routes via mirrors, then via bodies, and notes on excluded routes.
+    """Return the line of sight (), routes via mirrors and via bodies, and notes on excluded routes.
 
     ``unit`` is the length of a scene unit in m.
     """

@@ -43,7 +43,10 @@ class Exposure:
     seed: int
 
     def image(self, strip: int, done: Callable[[], None] = lambda: None) -> Floats:
-        """Render a strip of the image, averaged over all passes."""
+        """Render a strip of the image, averaged over all passes, shape (rows, width, channels).
+
+        ``done`` is called after each pass.
+        """
         cut = self.cut
         top = strip * cut.rows
         rows = min(cut.rows, cut.height - top)
@@ -274,7 +277,8 @@ def render(
     -------
     ndarray, shape (height, width, channels)
         Radiance in W/(m^2 sr), float32. Pixels can be negative because of noise, and because the
-        Wigner radiance of a visible aperture can be negative.
+        Wigner radiance of a visible aperture can be negative. Pixels of a ``wigner_receiver``
+        contain the received power in W.
 
     Raises
     ------
@@ -307,7 +311,7 @@ _MOST_MIRRORS = 2
 
 
 def with_delta_lights(exposure: Exposure, image: Image) -> Image:
-    """Add the direct light of delta lights to the image of a receiver."""
+    """Add the direct light of delta lights to the image of a receiver; return other images."""
     scene, camera, method = exposure.scene, exposure.camera, exposure.integrator
     names = method.class_name() + type(method).__name__
     if not surfaces.is_receiver(camera) or method.hide_emitters or not delta_lights(scene):
@@ -371,7 +375,10 @@ def polarised_by_default(
 
 
 def illuminated_by(sources: Sequence[Any], active: Any) -> AbstractContextManager[None]:
-    """Set the power of all sources except ``active`` to zero within a ``with`` block."""
+    """Set the power of all sources except ``active`` to zero within a ``with`` block.
+
+    If ``active`` is None, all ``sources`` have zero power.
+    """
     others = [source for source in sources if source is not active]
     return films.changed([(source, "power", source.adjustable(0.0)) for source in others])
 

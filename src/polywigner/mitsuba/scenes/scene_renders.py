@@ -62,7 +62,10 @@ class SceneParts:
         return {**self.__dict__, "scene": None}
 
     def __call__(self, origin: Index, shape: Index) -> npt.NDArray[np.float64]:
-        """Return the part of the result that starts at the index ``origin``."""
+        """Return the part of the result that starts at the index ``origin``.
+
+        ``shape`` is not used.
+        """
         if self.scene is None:
             choose_variant(self.file.variant)
             # Keys of sources in memory are valid in one process only.
@@ -220,7 +223,8 @@ def receive_parts(
 ) -> tuple[list[ReceivedPower], xarray.Dataset | None]:
     """Compute :func:`received_powers` of a scene that was loaded from a file.
 
-    With ``edges`` of range bins, the :func:`range_profile` of the same samples is also returned.
+    With ``edges`` of range bins in m, the :func:`range_profile` of the same samples is also
+    returned, otherwise None.
     """
     numbers = list(range(len(receivers_of(scene))))
     sample = partial(_sampled, file, scene, **keeping)

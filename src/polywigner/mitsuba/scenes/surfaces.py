@@ -163,7 +163,10 @@ def _largest_coordinate_in_box(mesh: mi.Mesh, low: Floats, high: Floats) -> floa
 
 
 def bounds_of(shape: mi.Shape) -> Floats:
-    """Return the bounding box (2, 3) of a shape, even if Mitsuba has merged its mesh."""
+    """Return the bounding box (2, 3) of a shape, even if Mitsuba has merged its mesh.
+
+    The rows are the lower and the upper corner in scene units; zeros for an empty shape.
+    """
     box = shape.bbox()
     if not box.valid() and shape.is_mesh():
         points = vertices_of(shape)
@@ -224,7 +227,7 @@ class ShapeExtents:
         return dr.select(size > result, size, result)
 
     def ray_from(self, si: mi.SurfaceInteraction3f, direction: Drjit) -> mi.Ray3f:
-        """Return a ray that starts just off a surface.
+        """Return a ray that starts just off a surface, on the side of ``direction``.
 
         The distance from the surface exceeds the rounding error of the intersection.
         """
@@ -379,7 +382,7 @@ def _normals_of(points: Floats, faces: Indices) -> Floats:
 
 
 def bodies_of(meshes: Iterable[tuple[Floats, Indices]]) -> list[Obstacle]:
-    """Return the obstacles of several meshes."""
+    """Return the connected parts of several meshes as obstacles."""
     return [body for mesh in meshes for body in _bodies(*mesh)]
 
 
@@ -411,13 +414,19 @@ BEHIND = 1e-3
 
 
 def in_frame(body: Obstacle, pose: Floats, scale: float) -> Obstacle:
-    """Return an obstacle in the frame of a pose, scaled by a factor."""
+    """Return an obstacle in the frame of a pose, scaled by a factor.
+
+    The translation of the pose is in the unit of the obstacle before scaling.
+    """
     vertices = (body.vertices - pose[:3, 3]) @ pose[:3, :3] * scale
     return replace(body, vertices=vertices, normals=body.normals @ pose[:3, :3])
 
 
 def before_plane(silhouette: Silhouette) -> Silhouette:
-    """Return the edges of a silhouette in front of the plane z = 0 of the source."""
+    """Return the edges of a silhouette in front of the plane z = 0 of the source.
+
+    Lengths are in wavelengths. Edges that cross the plane are cut just in front of it.
+    """
     start, end = np.moveaxis(silhouette.edges, 1, 0)
     low, high = start[:, 2] - BEHIND, end[:, 2] - BEHIND
     with np.errstate(divide="ignore", invalid="ignore"):
