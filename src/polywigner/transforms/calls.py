@@ -315,7 +315,10 @@ def _mapped_points(name: str, source: Any, through: Any, wavelength: Any, points
 
 
 def _blocks_for(system: FirstOrder, dimension: int) -> tuple[NDArray[np.float64], ...]:
-    """Return the blocks A, B, C, D of a ray transfer matrix, with one row for slits."""
+    """Return the blocks A, B, C, D of a ray transfer matrix, shape (d, d) each.
+
+    Raises ArgumentError for d = 1 if the system couples x and y.
+    """
     blocks = (system.A, system.B, system.C, system.D)
     if dimension == 2:
         return blocks

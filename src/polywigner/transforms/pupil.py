@@ -347,7 +347,7 @@ def image_distance(focal_length: Any, numerical_aperture: Any, radius: float) ->
 
 
 def checked_energy(source: PhaseSpaceSource) -> float:
-    """Return the integral of |u|^2 over a source. Raises IlluminationError if it is zero."""
+    """Return the integral of |u|^2 over a source. Raises IlluminationError if fields cancel."""
     source = flat_source(source)
     energy = incoherent = energy_of(source)
     if isinstance(source, Array):
@@ -451,7 +451,7 @@ def _strehl_ratio(pupil: AberratedPupil, tolerance: float) -> float:
 
 
 def wavefront_error(source: Aperture | Array, aberration: Aberration | None = None) -> float:
-    """Compute the rms wavefront error over a pupil in metres, relative to the mean path length.
+    """Compute the rms deviation of the path length over a pupil from its mean value, in metres.
 
     The averages over the pupil are weighted with |u|^2, where u is the field in the pupil. Pistons
     and tilts of :func:`segmented_pupil` are included.

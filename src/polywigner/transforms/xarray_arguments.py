@@ -48,7 +48,8 @@ def arrays_of(dataset: Any, axes: Mapping[str, str], maker: str, *attrs: str) ->
     """Return arrays of a dataset, transposed to the given axes, then attributes of the dataset.
 
     ``axes`` contains the axes of each array, separated by blanks; an empty string accepts any axes.
-    ``maker`` is the name of the function that returns such datasets, for error messages.
+    ``maker`` is the name of the function that returns such datasets, for error messages. Raises
+    ArgumentError if the dataset lacks an array, an axis or an attribute.
     """
     try:
         arrays = [dataset[n].transpose(*d.split()) if d else dataset[n] for n, d in axes.items()]
