@@ -183,7 +183,8 @@ def evaluate(
 ) -> tuple[Array, ...]:
     """Return the results of a kernel at NumPy points.
 
-    Arguments are converted to the frame of the source in float64, even if sums use float32.
+    Arguments are converted to the frame of the source in float64, even if sums use float32. Raises
+    EngineError if the requested engine is not available.
 
     Parameters
     ----------

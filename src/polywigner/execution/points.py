@@ -188,7 +188,11 @@ def _component_array(name: str, value: Any, float_type: type) -> Drjit:
 
 
 def _from_tensors(points: Points, float_type: type) -> tuple[dict[str, Drjit], tuple[int, ...]]:
-    """Return points in tensors as flat component arrays, and their shape without components."""
+    """Return points in tensors as flat component arrays, and their shape without components.
+
+    Raises ArgumentError if an argument is no tensor or array with 1 to 3 components, or if the
+    shapes do not broadcast.
+    """
     import drjit
 
     flat: dict[str, Drjit] = {}

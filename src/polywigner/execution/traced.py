@@ -143,7 +143,11 @@ class _Accumulator:
 
 
 def _followed(pair: Numbers | None, kind: Any) -> Numbers | None:
-    """Return zeros in memory with the derivatives of two arrays. Loops would lose literal zeros."""
+    """Return zeros in memory with the derivatives of two arrays.
+
+    Loops would lose literal zeros. None, and numbers that are separate arrays, are returned
+    unchanged.
+    """
     import drjit as dr
 
     if pair is None or isinstance(pair[0], tuple):

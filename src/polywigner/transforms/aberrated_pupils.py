@@ -218,7 +218,7 @@ def _node_counts(
     """Return the numbers of nodes along both directions of each cell.
 
     ``slopes`` [cycles/m] has the shape (n, samples, 2). ``half_band`` is the largest deviation of
-    the frequencies from ``slopes``.
+    the frequencies from ``slopes``. Raises ArgumentError if too many nodes are needed.
     """
     sides = cells[:, (1, 3, 2, 3)] - cells[:, (0, 2, 0, 1)]
     cycles = np.abs(slopes @ sides.transpose(0, 2, 1)).max(axis=1) + np.abs(sides) @ half_band

@@ -213,7 +213,10 @@ class FunctionMode:
     radius: float
 
     def values(self, x: Floats, y: Floats) -> Floats:
-        """Return the values of the path function in m at positions in m, as a single row."""
+        """Return the values of the path function in m at positions in m, as a single row.
+
+        Raises ArgumentError unless the function returns a finite number, or one per position.
+        """
         path = np.asarray(self.path(x, y), np.float64)
         if path.shape not in ((), np.shape(x)) or not np.isfinite(path).all():
             raise ArgumentError(

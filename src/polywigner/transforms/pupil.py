@@ -290,7 +290,10 @@ def _checked_pupil(source: Any) -> PhaseSpaceSource:
 
 
 def checked_band(wavelength: Any, weights: Any) -> tuple[Floats, Floats]:
-    """Return the wavelengths in m, and their weights divided by the sum of all weights."""
+    """Return the wavelengths in m, and their weights divided by the sum of all weights.
+
+    By default all weights are equal. Raises ArgumentError for invalid wavelengths or weights.
+    """
     lengths = checked_row(wavelength, "expected a wavelength in m, or wavelengths of shape (k,)")
     for length in lengths.tolist():
         checked_wavelength(length)
@@ -326,9 +329,10 @@ def checked_pupil_radius(source: PhaseSpaceSource, given: Any) -> float:
 
 
 def image_distance(focal_length: Any, numerical_aperture: Any, radius: float) -> float:
-    """Return the distance of the image from the pupil.
+    """Return the distance of the image from the pupil in m.
 
-    Exactly one of ``focal_length`` and ``numerical_aperture`` must be specified.
+    Exactly one of ``focal_length`` and ``numerical_aperture`` must be specified, otherwise
+    ArgumentError is raised.
     """
     if (focal_length is None) == (numerical_aperture is None):
         raise ArgumentError(

@@ -199,7 +199,10 @@ def _component_dimension(name: str) -> str:
 
 
 def _with_dimension(name: str, value: Any, kind: type) -> xarray.DataArray | NDArray[Any]:
-    """Return a DataArray whose last dimension is renamed, or one point as a NumPy array."""
+    """Return a DataArray whose last dimension is renamed, or one point as a NumPy array.
+
+    Raises ArgumentError for other values.
+    """
     if not isinstance(value, kind):
         try:
             is_point = not is_drjit(value) and np.ndim(value) == 1

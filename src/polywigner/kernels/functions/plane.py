@@ -141,7 +141,10 @@ def field(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[Any, Any]:
 
 
 def at_both_ends(field: Any) -> Callable[..., Values]:
-    """Return an edge sum that evaluates ``field(ops, tables, *x)`` at both ends of a lag."""
+    """Return a function that evaluates ``field(ops, tables, *x)`` at both ends of a lag.
+
+    It is the edge sum of a kernel whose first step is :func:`enter_both_ends`.
+    """
     return lambda ops, tables, cycles, *ends: (
         *field(ops, tables, *ends[: len(ends) // 2]),
         *field(ops, tables, *ends[len(ends) // 2 :]),
