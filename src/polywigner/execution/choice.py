@@ -189,7 +189,7 @@ def _require_cuda() -> None:
 
 
 def drjit_float(engine: str, double: bool) -> type:
-    """Return the Dr.Jit float type of an engine."""
+    """Return the Dr.Jit type ``Float64`` (``double``) or ``Float32`` of "llvm" or "cuda"."""
     import importlib
 
     # This import waits until another thread has completed its import of Dr.Jit.

@@ -17,7 +17,7 @@ from polywigner.execution.progress import slow_bar
 
 
 def aligned(size: int, dtype: Any) -> npt.NDArray[Any]:
-    """Return an uninitialised NumPy array that starts at a multiple of 64 bytes.
+    """Return an uninitialised array, shape (size,), that starts at a multiple of 64 bytes.
 
     Dr.Jit uses the memory of NumPy arrays, and compiles a kernel for each alignment.
     """
@@ -54,7 +54,7 @@ def kernel_threads(count: int | None = None) -> Iterator[None]:
     """Reserve Dr.Jit's thread pool within the block.
 
     ``count`` is the number of threads including the calling thread, or None for no change. Other
-    callers wait until the block ends.
+    callers wait until the block ends. A nested block in the same thread would wait forever.
     """
     with _POOL:
         # Scalar variants of Mitsuba use Dr.Jit's thread pool even without an LLVM library.
@@ -83,7 +83,11 @@ that waits for the chunk."""
 
 
 def store(launched: Launched, samples: int) -> None:
-    """Write the results of each chunk while the next chunk is being computed."""
+    """Write the results of each chunk while the next chunk is being computed.
+
+    The results are written to the arrays in ``launched``. ``samples`` is the total number of
+    samples, for the progress bar.
+    """
     last: Any = None
     with slow_bar("samples", samples) as advance:
         for chunk in launched:
@@ -110,7 +114,11 @@ def ready(values: tuple[Array, ...]) -> Fetch:
 def parts_of_results(
     components: Sequence[Array], results: Sequence[Array], size: int
 ) -> Iterator[tuple[list[Array], list[Array]]]:
-    """Yield the float64 arguments of each chunk of samples, and views of its results."""
+    """Yield the float64 arguments of each chunk of samples, and views of its results.
+
+    All arrays are flat, with up to ``size`` samples. Arguments may be overwritten when the next
+    chunk is requested. The components must broadcast to the shape of the results.
+    """
     flat, shape = [result.reshape(-1) for result in results], results[0].shape
     full = [c if c.shape == shape else np.broadcast_to(c, shape) for c in components]
     if 0 < full[0].size <= size:

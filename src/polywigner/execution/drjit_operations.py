@@ -58,7 +58,7 @@ class DrjitOperations(RowByRow):
     def sum_over(
         self, rows: Sequence[Row], term: Term, values: int, like: Any, *, unroll: bool = True
     ) -> Values:
-        """Return the sums of ``term(*row)`` over all rows.
+        """Return the sums of ``term(*row)`` over all rows, at least one.
 
         ``values`` is the number of results of ``term``. Short sums are unrolled. Loops compile in
         less time, and are nearly as fast for long terms. With ``unroll=False``, the kernel always
@@ -105,7 +105,11 @@ class DrjitOperations(RowByRow):
         return ops
 
     def in_lanes(self, values: Table) -> Drjit:
-        """Return samples of shape (n,), or of shape (4, m) with four samples for each lane."""
+        """Return samples as a Dr.Jit array.
+
+        Samples of shape (n,) become floats. Samples of shape (4, m) become m arrays of four, one
+        for each lane.
+        """
         if values.ndim < 2:
             return array_of(self.float_type, values)
         return four_of(self.float_type)(*(array_of(self.float_type, row) for row in values))
@@ -139,7 +143,7 @@ class DrjitOperations(RowByRow):
         return self._dr.fma(ax, by, -product) + error
 
     def lost(self, a: Any, b: Any, product: Any) -> Drjit:
-        """Return the exact rounding error of the product of a and b."""
+        """Return the exact product of a and b minus the rounded ``product``."""
         return self.fma(a, b, -product)
 
     def _typed(self, value: Any) -> Drjit:
@@ -168,9 +172,10 @@ class DrjitOperations(RowByRow):
     def fold(
         self, first: Any, end: Any, state: Values, step: Term, *, is_sum: bool = False
     ) -> Values:
-        """Return the state after ``state = step(row, *state)`` for the rows ``first`` to ``end``.
+        """Return the state after ``state = step(row, *state)`` for a range of rows.
 
-        With ``is_sum``, the state consists of sums, which may have derivatives.
+        The rows are ``first`` to ``end`` - 1. With ``is_sum``, the state consists of sums, which
+        may have derivatives.
         """
 
         def next_row(row: Any, *state: Any) -> Values:
@@ -190,7 +195,7 @@ class DrjitOperations(RowByRow):
         return kinds[type(value)](value) if type(value) in kinds else value
 
     def _rounded_off(self, a: Any, b: Any) -> Drjit:
-        """Return the exact rounding error of the sum a + b, as a constant."""
+        """Return the exact sum a + b minus the rounded sum, as a constant."""
         return super()._rounded_off(self._dr.detach(a), self._dr.detach(b))
 
     def sum_over_rule(

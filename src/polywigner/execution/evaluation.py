@@ -96,7 +96,12 @@ class GridPlan:
 def plan_for_grid(
     kernel: Kernel, source: Any, components: Sequence[Array], engine: str
 ) -> GridPlan | None:
-    """Return a plan for a grid of frequencies, or None for other points and other kernels."""
+    """Return a plan for a grid of frequencies, or None if the axes of the grid cannot be used.
+
+    The result is None for points that form no grid of at least 8 x 8 frequencies, for compiled
+    engines, for kernels and sources without tables for grids, and if many frequencies are too close
+    to the origin.
+    """
     if kernel.grid_tables is None or engine not in ("auto", "numpy"):
         return None
     x, y = components
@@ -178,7 +183,8 @@ def evaluate(
 ) -> tuple[Array, ...]:
     """Return the results of a kernel at NumPy points.
 
-    Arguments are converted to the frame of the source in float64, even if sums use float32.
+    Arguments are converted to the frame of the source in float64, even if sums use float32. Raises
+    EngineError if the requested engine is not available.
 
     Parameters
     ----------
@@ -191,7 +197,7 @@ def evaluate(
     outputs : int
         Number of results.
     into : sequence of ndarray, optional
-        Arrays for the results, of the broadcast shape.
+        Arrays for the results, of the broadcast shape. By default new arrays are returned.
     shear : callable, optional
         Function that converts the components to the arguments of the kernel, block by block if
         slices are shared.
@@ -331,7 +337,7 @@ def shared_rows(
     """Return the arguments as rows of samples at the same position.
 
     The result is None if the kernel computes no slices, or if the broadcast axes cannot be divided
-    into axes of positions and axes of frequencies.
+    into axes of positions and axes of at least 64 frequencies.
     """
     positions = edge_sum.arguments if isinstance(edge_sum, SliceSum) else None
     if positions is None or math.prod(shape) < _LEAST_COLUMNS:

@@ -169,9 +169,10 @@ class OnDrjit:
         return self.kernel.leave(self.ops, self.tables.frame, inner, sums)
 
     def of_parts(self, inner: tuple[Any, ...], ends: Array, table: Array, is_real: bool) -> Fetch:
-        """Return the results for samples that share slices, one per row and column.
+        """Start computing samples that share slices, and return a function that fetches results.
 
-        The slice of row k consists of the edge parts ``ends[k]`` to ``ends[k + 1]`` in ``table``.
+        The results have the shape (rows, columns). The slice of row k consists of the edge parts
+        ``ends[k]`` to ``ends[k + 1]`` - 1 in ``table``.
         """
         ops, slices = self.ops, self.kernel.slices
         assert slices is not None
@@ -231,9 +232,10 @@ def row_sums(
     outputs: int,
     engine: str,
 ) -> tuple[npt.NDArray[np.float64], ...]:
-    """Return the sums of ``term`` over the rows of a table for each sample, by a compiled loop.
+    """Return the sums of ``term(ops, row, sample, constants)`` over the rows of a table.
 
-    The samples are the columns of ``columns``, and ``constants`` are arguments of ``term``.
+    A compiled loop computes the ``outputs`` sums, each of shape (n,). ``table`` has the shape (m,
+    a), and ``columns`` the shape (b, n), with one column for each sample.
     """
     import drjit as dr
 

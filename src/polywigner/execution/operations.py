@@ -33,7 +33,7 @@ Term = Callable[..., Values]
 
 
 def unrolled_sum(rows: Sequence[Row], term: Term) -> Values:
-    """Return the sums of ``term(*row)`` over all rows, computed row by row."""
+    """Return the sums of ``term(*row)`` over all rows, at least one, row by row."""
     totals = term(*rows[0])
     for row in rows[1:]:
         totals = _sums(totals, term(*row))
@@ -139,7 +139,7 @@ class NumpyOperations(_Unfused):
     def sum_over_some(
         self, first: Any, end: Any, keep: Callable[..., Any], term: Term, values: int, *samples: Any
     ) -> list[Any]:
-        """Return the sums of ``term(row, *samples)`` over the rows ``first`` to ``end``.
+        """Return the sums of ``term(row, *samples)`` over rows from ``first`` to ``end`` - 1.
 
         Rows for which ``keep(row, *samples)`` is false are skipped, because ``term`` is 0.
         """
@@ -215,7 +215,7 @@ class RowByRow(Operations):
         return self.select(a > b, a, b)
 
     def plain_sum(self, first: Any, end: Any, term: Term, values: int) -> Values:
-        """Return the sums of ``term(row)`` over a range of rows, without compensation."""
+        """Return the sums of ``term(row)`` over rows ``first`` to ``end`` - 1, not compensated."""
 
         def step(row: Any, *sums: Any) -> Values:
             """Return the sums after a row."""
@@ -224,7 +224,10 @@ class RowByRow(Operations):
         return self.fold(first, end, (0.0,) * values, step, is_sum=True)
 
     def sum_over_range(self, first: Any, end: Any, term: Term, values: int) -> Values:
-        """Return the sums of ``term(row)`` over rows, compensated in single precision."""
+        """Return the sums of ``term(row)`` over rows ``first`` to ``end`` - 1.
+
+        The sums are compensated in single precision.
+        """
 
         def visit(row: Any) -> tuple[Any, Values, Values, Term]:
             """Return a term that does not depend on a level."""
@@ -252,8 +255,8 @@ class RowByRow(Operations):
         """Return the sums of ``term(level)`` over rows, where the level changes from row to row.
 
         ``visit(row)`` returns whether the level is set, the new level, the change of the level
-        after the row, and ``term``. In single precision the sums are compensated, because terms may
-        cancel.
+        after the row, and ``term``. ``levels`` and ``values`` are the numbers of levels and of
+        sums. In single precision the sums are compensated, because terms may cancel.
         """
 
         def step(row: Any, *state: Any) -> Values:
@@ -272,7 +275,7 @@ class RowByRow(Operations):
         return sums if self.double else _sums(sums[:values], sums[values:])
 
     def _rounded_off(self, a: Any, b: Any) -> Numbers:
-        """Return the exact rounding error of the sum a + b (Knuth)."""
+        """Return the exact sum a + b minus the rounded sum (Knuth)."""
         total = a + b
         of_b = total - a
         return (a - (total - of_b)) + (b - of_b)
@@ -300,7 +303,7 @@ class ScalarOperations(_Unfused, RowByRow):
     sqrt = staticmethod(math.sqrt)
 
     def round(self, a: Any) -> Numbers:
-        """Return the nearest integer."""
+        """Return the nearest integer. Halves are rounded up."""
         return math.floor(a + 0.5)
 
     def on_device(self, table: Table) -> Numbers:
@@ -318,7 +321,10 @@ class ScalarOperations(_Unfused, RowByRow):
     def fold(
         self, first: Any, end: Any, state: Values, step: Term, *, is_sum: bool = False
     ) -> Values:
-        """Return the state after ``state = step(row, *state)`` for all rows."""
+        """Return the state after ``state = step(row, *state)`` for all rows.
+
+        The rows are ``first`` to ``end`` - 1.
+        """
         for row in range(first, end):
             state = step(row, *state)
         return state

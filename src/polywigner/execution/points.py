@@ -72,7 +72,11 @@ def _float_of(name: str, value: Drjit) -> type:
 
 
 def _common_float(arrays: Points, precision: str | None, engine: str) -> type:
-    """Return the common float type of arrays that agrees with the options of a call."""
+    """Return the common float type of arrays.
+
+    Raises ArgumentError if the types differ from each other or from the options of a call, and
+    EngineError if no usable LLVM library is loaded.
+    """
     types = {_float_of(name, value) for name, value in arrays.items()}
     if len(types) > 1:
         names = " and ".join(sorted(f"{t.__module__}.{t.__name__}" for t in types))
@@ -184,7 +188,11 @@ def _component_array(name: str, value: Any, float_type: type) -> Drjit:
 
 
 def _from_tensors(points: Points, float_type: type) -> tuple[dict[str, Drjit], tuple[int, ...]]:
-    """Return points in tensors as flat component arrays, and their broadcast shape."""
+    """Return points in tensors as flat component arrays, and their shape without components.
+
+    Raises ArgumentError if an argument is no tensor or array with 1 to 3 components, or if the
+    shapes do not broadcast.
+    """
     import drjit
 
     flat: dict[str, Drjit] = {}

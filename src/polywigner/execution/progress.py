@@ -68,7 +68,11 @@ def progress_bar(
 
 @contextmanager
 def slow_bar(title: str, total: int) -> Iterator[Advance]:
-    """Draw a progress bar after five seconds, unless another bar is visible."""
+    """Draw a progress bar after five seconds, unless another bar is visible.
+
+    Yields a function to call after each part, like :func:`progress_bar`. Without a terminal, no bar
+    is drawn.
+    """
     start, done = time.monotonic(), 0
     draw: Advance | None = None
     with ExitStack() as stack:

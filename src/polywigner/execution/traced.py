@@ -143,7 +143,11 @@ class _Accumulator:
 
 
 def _followed(pair: Numbers | None, kind: Any) -> Numbers | None:
-    """Return zeros in memory with the derivatives of two arrays. Loops would lose literal zeros."""
+    """Return zeros in memory with the derivatives of two arrays.
+
+    Loops would lose literal zeros. None, and numbers that are separate arrays, are returned
+    unchanged.
+    """
     import drjit as dr
 
     if pair is None or isinstance(pair[0], tuple):
@@ -185,8 +189,9 @@ def evaluate_traced(
 ) -> Drjit:
     """Return the result of a kernel at component arrays, as a ``Float`` or ``Complex2f``.
 
-    ``source`` may be a :class:`Differentiable`. ``shear`` converts the components to the arguments
-    of the kernel. Raises ArgumentError if the number of components is wrong.
+    The components broadcast, and the result has one entry per point. ``source`` may be a
+    :class:`Differentiable`. ``shear`` converts the components to the arguments of the kernel.
+    Raises ArgumentError if the number of components is wrong.
     """
     import drjit
 
@@ -326,7 +331,8 @@ def _in_memory(component: Drjit) -> Drjit:
 def site_sum(nu: Drjit, positions: NDArray[np.float64], weights: Drjit) -> Drjit:
     """Return an array factor that is differentiable in frequencies and weights, (L3).
 
-    ``nu`` is an ``Array2f``, and ``weights`` a ``Complex2f`` with one entry per position.
+    The factor is the sum of w exp(-2 pi i nu.p) over the positions p, shape (n, 2). ``nu`` is an
+    ``Array2f``, and ``weights`` a ``Complex2f`` with one entry per position.
     """
     import drjit as dr
 

@@ -103,9 +103,9 @@ class ProfileFactor:
         return series.value(ops, number, 2.0 * last, pairs, cycles)
 
     def total(self, ops: Any, cycles: Any) -> Pair:
-        """Return the array factor of all elements along one lattice direction.
+        """Return the sum of a_k exp(-2 pi i t (k - (N - 1)/2)) over the N amplitudes a_k.
 
-        ``cycles`` is a frequency in cycles per period, modulo 2.
+        ``cycles`` is t, a frequency in cycles per period, modulo 2.
         """
         count = float(self.count) + 0.0 * cycles
         if self.profile.is_uniform:
@@ -141,7 +141,10 @@ class _Series:
     """Real and imaginary parts of p, then of q; None for a part that is zero."""
 
     def value(self, ops: Any, row: Any, last: float, pairs: Any, cycles: Any) -> Pair:
-        """Return the trigonometric sum of a row, or 0 if the row does not exist."""
+        """Return the trigonometric sum of a row at t = ``cycles``, or 0 if the row does not exist.
+
+        ``last`` is the index of the last row, and ``pairs`` the number of terms of the row.
+        """
         exists = (row >= 0.0) & (row <= last)
         # float32 rounds integers above 2^24, and tables of profiles with more than 8,200 elements
         # have more than 2^24 rows.
@@ -250,7 +253,7 @@ def pair_factor(
     """Return the array factor of all pairs of elements with the same midpoint or difference.
 
     ``numbers`` and ``cycles`` contain the arguments of :meth:`ProfileFactor.at` along both lattice
-    directions.
+    directions. The result includes |factor|^2 of both profiles.
     """
     first, second = (
         profile.at(ops, by_mean, number, along)

@@ -38,14 +38,20 @@ def element_tables(aperture: Aperture, double: bool) -> ElementTables:
 
 
 def element_wigner(ops: Any, tables: ElementTables, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Number:
-    """Return the Wigner function W(x, nu) of an element, for arguments in its frame."""
+    """Return the Wigner function W(x, nu) of an element, for arguments in its frame.
+
+    The frequency is relative to the carrier, and the result does not include ``frame.measure``.
+    """
     if isinstance(tables, SeparableTables):
         return separable.wigner(ops, tables, x, y, nu_x, nu_y)
     return WIGNER_SUM(ops, tables, x, y, nu_x, nu_y)[0]
 
 
 def element_ambiguity(ops: Any, tables: ElementTables, *arguments: Any) -> Pair:
-    """Return the ambiguity function A(upsilon, xi) of an element, for arguments in its frame."""
+    """Return the ambiguity function A(upsilon, xi) of an element, for arguments in its frame.
+
+    The result does not include ``frame.measure``, nor the phases of the centre and the carrier.
+    """
     if isinstance(tables, SeparableTables):
         cosine, sine = separable.ambiguity(ops, tables, *arguments)
     else:
@@ -54,7 +60,10 @@ def element_ambiguity(ops: Any, tables: ElementTables, *arguments: Any) -> Pair:
 
 
 def element_field(ops: Any, tables: ElementTables, x: Any, y: Any) -> tuple[Any, Any]:
-    """Return the real and imaginary part of an element's field, without the carrier."""
+    """Return the real and imaginary part of an element's field at a point in its frame.
+
+    The field does not include the carrier.
+    """
     if isinstance(tables, SeparableTables):
         return separable.field(ops, tables, x, y)
     return plane.field(ops, tables, x, y)
@@ -253,7 +262,7 @@ def _split(ops: Any, *numbers: phases.Doubled) -> Values:
 
 
 def _enter_wigner(ops: Any, frame: Frame, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Values:
-    """Return a position and a frequency in the frame, each component as two floats."""
+    """Return a position, and a frequency minus the carrier, in the frame, as two floats each."""
     return (*_position(ops, frame, x, y), *_frequency(ops, frame, frame.carrier, nu_x, nu_y))
 
 

@@ -97,7 +97,11 @@ class Axes:
         return e0, e1, area, along, across
 
     def gradient(self, along: Pair, twice_across: Pair) -> tuple[Pair, Pair]:
-        """Return the derivative -2 pi i M in the frame for the first moment M in these axes."""
+        """Return the derivative -2 pi i M in the frame for the first moment M in these axes.
+
+        ``along`` and ``twice_across`` are the sums for M10 and 2 M01 of :meth:`segment`, and the
+        results the derivatives along x and y.
+        """
         (c, s), across = self.along, twice_across.scaled(0.5)
         x = (along.scaled(c) - across.scaled(s)).scaled(-2 * math.pi)
         y = (along.scaled(s) + across.scaled(c)).scaled(-2 * math.pi)

@@ -56,7 +56,8 @@ class _Nodes:
     def nearest(self, ops: Any, frame: _ArrayFrame, x: Any, y: Any) -> Values:
         """Return the lattice indices of the first midpoint or difference that contributes.
 
-        The other results are (x, y) minus this midpoint or difference, in the element's frame.
+        (x, y) is relative to the first element for midpoints, and a lag for differences. The other
+        results are (x, y) minus this midpoint or difference, in the element's frame.
         """
         i, j = (
             0.0 * x + float(start)
@@ -71,7 +72,10 @@ class _Nodes:
         return (i, j, *frame.element.vector(ops, *offset))
 
     def rows(self, frame: _ArrayFrame) -> list[tuple[float, float, float, float]]:
-        """Return the lattice steps and vectors from the first contributing node to each node."""
+        """Return the lattice steps and vectors from the first contributing node to each node.
+
+        The vectors are in the frame of the element.
+        """
         counts = (
             min(steps, max(1, math.ceil(high - low - _EDGE)))
             for low, high, _, steps in self.windows
@@ -151,7 +155,8 @@ ArrayTables = RepeatedTables[ElementTables, tuple[ProfileFactor, ...]]
 def _lattice(array: Array) -> tuple[Lattice, tuple[Profile, Profile], SourceElement] | None:
     """Return the lattice of an array, the profiles of its weights, and its element.
 
-    The result is None for small arrays, and if the weights are not separable.
+    The result is None for small arrays, for elements that do not form a lattice, and if the weights
+    are not separable.
     """
     copies = normal_form(array).lattice
     if copies is None or copies.sites is None or len(array) < _LEAST_ELEMENTS:
@@ -185,7 +190,11 @@ def _site_cycles(ops: Any, frame: _ArrayFrame, *nu: Any) -> list[Any]:
 
 
 def _enter_wigner(ops: Any, frame: _ArrayFrame, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Values:
-    """Return (midpoint in half lattice steps, x - midpoint, phases nu.b in cycles, nu)."""
+    """Return (midpoint in half lattice steps, x - midpoint, phases in cycles, nu - carrier).
+
+    The phases are nu.b minus the phase difference of adjacent weights, for both basis vectors b.
+    The position and the frequency are in the frame of the element.
+    """
     nearest = frame.means.nearest(ops, frame, x - frame.origin[0], y - frame.origin[1])
     cycles = _site_cycles(ops, frame, nu_x, nu_y)
     along = (t - cycles_per_site for t, cycles_per_site in zip(cycles, frame.cycles, strict=True))
@@ -210,7 +219,11 @@ def _wigner_sum(ops: Any, tables: ArrayTables, *inner: Any) -> Values:
 def _enter_ambiguity(
     ops: Any, frame: _ArrayFrame, upsilon_x: Any, upsilon_y: Any, xi_x: Any, xi_y: Any
 ) -> Values:
-    """Return (centre phase, difference in lattice steps, xi - difference, upsilon.b, upsilon)."""
+    """Return (centre phase, difference in lattice steps, xi - difference, upsilon.b, upsilon).
+
+    Phases are in cycles, and upsilon.b is modulo 2. The lag and the frequency shift are in the
+    frame of the element.
+    """
     cycles = phases.cycles_to_centre(ops, frame.centre, upsilon_x, upsilon_y)
     cycles = phases.less_carrier(ops, frame, cycles, xi_x, xi_y)
     nearest = frame.differences.nearest(ops, frame, xi_x, xi_y)

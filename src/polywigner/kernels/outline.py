@@ -110,7 +110,7 @@ class Frame:
 def enter_position_and_frequency(
     ops: Any, frame: Frame, x: Any, y: Any, nu_x: Any, nu_y: Any
 ) -> tuple[Any, ...]:
-    """Return the position and the frequency of a Wigner function in the frame."""
+    """Return the position, and the frequency minus the carrier, in the frame."""
     return (*frame.position(ops, x, y), *frame.detuned(ops, nu_x, nu_y))
 
 

@@ -41,7 +41,10 @@ UNIFORM: Waves = (Wave(1.0, (0.0, 0.0)),)
 
 
 def carrier_of(illuminations: Iterable[Any], dimension: int) -> Vector:
-    """Return the carrier frequency of a source: the centre of the frequencies of its waves."""
+    """Return the carrier frequency of a source: the centre of the frequencies of its waves.
+
+    The centre is the midpoint of their range along each axis. None specifies uniform illumination.
+    """
     still = np.zeros((1, dimension))
     frequencies = np.concatenate([still if i is None else i.frequencies for i in illuminations])
     return tuple((frequencies.min(axis=0) / 2 + frequencies.max(axis=0) / 2).tolist())
@@ -86,7 +89,7 @@ class WavePair:
         return real, imag
 
     def gradient(self, ops: Any, point: Sequence[Any]) -> list[tuple[Any, Any]]:
-        """Return the complex derivative of the amplitude with respect to each coordinate."""
+        """Return the real and imaginary part of the derivative of the amplitude along each axis."""
         result = []
         for k in range(len(point)):
             turned = tuple((2j * math.pi * f[k] * a, f) for a, f in self.terms if f[k])

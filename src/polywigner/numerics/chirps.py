@@ -136,9 +136,10 @@ _FEW = 1 << 9
 
 
 def chirp_over_intervals(intervals: Floats, q: Floats, nu: Floats) -> Complex:
-    """Return the transform of curved waves over a set of intervals.
+    """Return the transform of curved waves over a set of intervals, shape (n,).
 
-    ``q`` and ``nu`` contain the curvature and the frequency of each result.
+    The transform is the integral of exp(i pi (q t^2 - 2 nu t)) over all intervals, shape (k, 2).
+    ``q`` and ``nu``, shape (n,), contain the curvature and the frequency of each result.
     """
     value = chirp_integral(intervals.ravel(), q[:, None], nu[:, None])
     value = value.reshape(-1, len(intervals), 2)
@@ -146,10 +147,11 @@ def chirp_over_intervals(intervals: Floats, q: Floats, nu: Floats) -> Complex:
 
 
 def chirp_over_rings(rings: tuple[Floats, ...], q: Floats, nu: Floats) -> Complex:
-    """Return the transform of curved waves over an outline.
+    """Return the transform of curved waves over an outline, shape (n,).
 
-    ``q`` and ``nu`` contain the curvatures and the frequency of each result along both axes. The
-    first curvature must be the larger one. The origin must lie inside the bounding box of the
+    The transform is the integral of exp(i pi (q1 x^2 + q2 y^2) - 2 pi i nu.x). ``q`` and ``nu``,
+    shape (n, 2), contain the curvatures and the frequency of each result along both axes. The first
+    curvature must have the larger magnitude. The origin must lie inside the bounding box of the
     outline.
     """
     begin = np.concatenate(rings)
@@ -187,7 +189,10 @@ def _over_edges(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Complex:
 
 
 def _edge_cycles(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Floats:
-    """Return upper bounds on the cycles of phase along each edge, shape (points, edges)."""
+    """Return upper bounds on the cycles of phase along each edge, shape (points, edges).
+
+    Raises ArgumentError above 1e5 cycles.
+    """
     most = np.zeros((len(nu), len(edge)))
     for end in (begin, begin + edge):
         first, second = ((q[:, None, k] * end[:, k] - nu[:, None, k]) * edge[:, k] for k in (0, 1))

@@ -41,7 +41,7 @@ def accurate_cross(ax: Any, ay: Any, bx: Any, by: Any) -> Any:
 
 
 def product_error(a: Any, b: Any, product: Any) -> Any:
-    """Return the exact rounding error of the product of a and b (Dekker)."""
+    """Return the exact product of two float64 numbers minus the rounded ``product`` (Dekker)."""
     a_high = a * _SPLIT
     a_high = a_high - (a_high - a)
     b_high = b * _SPLIT

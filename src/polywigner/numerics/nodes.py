@@ -115,7 +115,7 @@ def nodes_needed(ops: Any, digits: Any, gap: Any, radians: Any) -> tuple[Any, tu
 
 
 def rule_index(ops: Any, needed: Any) -> Number:
-    """Return the index in :func:`gauss_rules` of the smallest rule with ``needed`` nodes.
+    """Return the index in :func:`gauss_rules` of the smallest rule with ``needed`` nodes or more.
 
     If no rule is large enough, the index of the largest rule is returned.
     """
@@ -139,7 +139,7 @@ def node_sums(real: Any, imag: Any, weight: Any, last: Any, second: Any) -> tupl
 
 
 def error_of(ops: Any, sums: tuple[Any, ...], expected: tuple[Any, ...], cycles: Any) -> Number:
-    """Return an error estimate of an integral, including rounding errors.
+    """Return an absolute error estimate of an integral, including rounding errors.
 
     ``sums`` contains the sums of :func:`node_sums` over all nodes, and ``expected`` the second
     result of :func:`nodes_needed`. ``cycles`` is an upper bound of the sum of all phases, in
@@ -189,8 +189,9 @@ def gaussian_rule(bandwidth: float, error: float) -> Rule:
 def gaussian_product_rule(bandwidths: tuple[float, ...], error: float) -> Rule:
     """Return a quadrature rule for the mean of a function of independent normal variables.
 
-    ``bandwidths`` contains the argument of :func:`gaussian_rule` for each variable. The nodes with
-    the smallest weights are omitted; the sum of their weights is at most a tenth of ``error``.
+    The nodes have the shape (n, variables). ``bandwidths`` contains the argument of
+    :func:`gaussian_rule` for each variable. The nodes with the smallest weights are omitted; the
+    sum of their weights is at most a tenth of ``error``.
     """
     rules = [gaussian_rule(width, error / (2 * len(bandwidths))) for width in bandwidths]
     nodes = np.stack(np.meshgrid(*(n for n, _ in rules), indexing="ij"), -1)
@@ -274,8 +275,9 @@ def _side_lengths(triangles: Triangles) -> Floats:
 def cell_rules(cells: Cells, counts: Indices) -> Iterator[tuple[Indices, Floats, Floats]]:
     """Yield quadrature rules, one for each group of cells with the same numbers of nodes.
 
-    ``counts`` contains the numbers of nodes along u and v for each cell. A rule consists of the
-    indices of k cells, the nodes, shape (k, nodes along u, nodes along v, 2), and the weights.
+    ``counts`` contains the numbers of nodes along u and v for each cell, shape (n, 2). A rule
+    consists of the indices of k cells, the nodes, shape (k, nodes along u, nodes along v, 2), and
+    the weights. The weights of a cell add up to its area.
     """
     for shared in np.unique(counts, axis=0):
         members = np.flatnonzero((counts == shared).all(axis=1))
@@ -290,7 +292,10 @@ def cell_rules(cells: Cells, counts: Indices) -> Iterator[tuple[Indices, Floats,
 
 
 def rule_over_cells(cells: Cells, counts: Indices) -> tuple[Floats, Floats, Indices]:
-    """Return the nodes (n, 2) and weights of a Gauss rule on cells, and the cell of each node."""
+    """Return the nodes (n, 2) and weights of a Gauss rule on cells, and the cell of each node.
+
+    ``counts`` is the argument of :func:`cell_rules`. The weights of a cell add up to its area.
+    """
     rules = [
         (nodes.reshape(-1, 2), weights.ravel(), np.repeat(members, weights[0].size))
         for members, nodes, weights in cell_rules(cells, counts)
@@ -300,7 +305,7 @@ def rule_over_cells(cells: Cells, counts: Indices) -> tuple[Floats, Floats, Indi
 
 
 def counts_for_cycles(cycles: Floats, error: float) -> Indices:
-    """Return the numbers of nodes that integrate waves with ``cycles`` phase cycles.
+    """Return the numbers of nodes that integrate waves with ``cycles`` cycles over the interval.
 
     A number above ``LARGEST`` means that no rule is sufficient. With n nodes and q cycles, the
     error is at most (pi e q/(4 n))^(2n), relative to the integral of the modulus.
@@ -325,7 +330,7 @@ def gauss_rule(triangles: Triangles, rate: float, extra: float) -> tuple[Floats,
     """Return the nodes and weights of a Gauss rule on triangles, and the triangle of each node.
 
     The integrand has up to ``rate`` phase cycles per metre. Along a side of length s the rule has
-    ``extra + 3.5 s rate`` nodes, but at least 1.
+    ``extra + 3.5 s rate`` nodes, but at least 1. The weights of a triangle add up to its area.
     """
     counts = _side_counts(_extreme_sides(triangles), rate, extra)
     return rule_over_cells(cells_of(triangles), counts.astype(np.intp))
@@ -337,7 +342,10 @@ def node_count(triangles: Triangles, rate: float, extra: float) -> float:
 
 
 def spacings(triangles: Triangles, rate: float, extra: float) -> Floats:
-    """Return the largest distance of adjacent nodes of :func:`gauss_rule` in each triangle."""
+    """Return the mean distance of adjacent nodes of :func:`gauss_rule` in each triangle.
+
+    It is the larger distance along the longest and the shortest side.
+    """
     lengths = _extreme_sides(triangles)
     return np.asarray((lengths / _side_counts(lengths, rate, extra)).max(axis=1))
 

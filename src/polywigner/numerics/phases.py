@@ -156,7 +156,10 @@ def _product(ops: Any, nu: Any, coordinate: Any) -> Doubled:
 
 
 def difference(a: Any, b: Any) -> Doubled:
-    """Return the rounded difference a - b and its exact rounding error (Knuth)."""
+    """Return the rounded difference a - b, and its rounding error (Knuth).
+
+    The sum of both results is exactly a - b.
+    """
     rounded = a - b
     virtual = rounded - a
     return rounded, (a - (rounded - virtual)) - (b + virtual)

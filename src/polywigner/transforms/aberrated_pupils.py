@@ -72,7 +72,8 @@ def converged(evaluate: Callable[[int], Complex], allowed: float, what: str) -> 
     """Increase the number of nodes until the values of an integral change by at most ``allowed``.
 
     ``evaluate`` returns the values for a number of additional nodes. ``what`` is the name of the
-    integral in a warning.
+    integral in a warning. If no number of nodes suffices, a warning is issued and the last values
+    are returned.
     """
     previous = evaluate(_EXTRA[0])
     for extra in _EXTRA[1:]:
@@ -110,7 +111,10 @@ class AberratedPupil:
     def of(
         cls, source: Any, aberration: Aberration | None, wavelength: float, bend: float
     ) -> AberratedPupil:
-        """Return the pupil of a coherent source with an aberration and a defocus."""
+        """Return the pupil of a coherent source with an aberration and a defocus ``bend`` in 1/m^2.
+
+        Raises ArgumentError for slits.
+        """
         form = normal_form(source)
         if form.dimension != 2:
             raise ArgumentError(
@@ -145,7 +149,10 @@ class AberratedPupil:
         return np.array([float(np.abs(e.amplitudes).sum()) for e in self.elements])
 
     def cycles(self, x: Floats) -> Floats:
-        """Return the phase of the aberration and the defocus at points, in cycles."""
+        """Return the phase of the aberration, the defocus and the curved wave, in cycles.
+
+        The points have the shape (..., 2), in m.
+        """
         total: Any = self.bend * np.square(x).sum(axis=-1)
         if self.curvature.any():
             away = x - self.centre
@@ -155,7 +162,7 @@ class AberratedPupil:
         return np.asarray(total)
 
     def slopes(self, x: Floats) -> Floats:
-        """Return the gradient of the phase at points, in cycles per metre."""
+        """Return the gradient (..., 2) of :meth:`cycles` at points, in cycles per metre."""
         total = 2.0 * self.bend * x + (x - self.centre) @ self.curvature
         if self.aberration is not None:
             total = total + self.aberration.slopes(x[..., 0], x[..., 1]) / self.wavelength
@@ -175,7 +182,7 @@ class AberratedPupil:
         return values
 
     def field(self, number: int, x: Floats) -> Complex:
-        """Return the field of an element at points, without the weight of the element."""
+        """Return the field of an element at points (..., 2), without the weight of the element."""
         flat = x.reshape(-1, 2)
         waves = self.waves(np.full(len(flat), number), flat).reshape(x.shape[:-1])
         return np.asarray(waves * np.exp(2j * np.pi * self.cycles(x)))
@@ -211,7 +218,7 @@ def _node_counts(
     """Return the numbers of nodes along both directions of each cell.
 
     ``slopes`` [cycles/m] has the shape (n, samples, 2). ``half_band`` is the largest deviation of
-    the frequencies from ``slopes``.
+    the frequencies from ``slopes``. Raises ArgumentError if too many nodes are needed.
     """
     sides = cells[:, (1, 3, 2, 3)] - cells[:, (0, 2, 0, 1)]
     cycles = np.abs(slopes @ sides.transpose(0, 2, 1)).max(axis=1) + np.abs(sides) @ half_band
@@ -267,7 +274,8 @@ def slice_integrals(
     """Return integrals of u(x + xi/2) u*(x - xi/2) over the regions, times optional factors.
 
     The field u does not contain the weights of the elements. ``factors(x + xi/2, x - xi/2)``
-    returns k factors for each point. The result has the shape (k, regions).
+    returns k factors for each point. The result has the shape (k, regions), with k = 1 without
+    factors.
     """
     half = regions.lags[regions.row] / 2
     kappa = np.concatenate([element.frequencies for element in pupil.elements])
@@ -319,7 +327,10 @@ def region_integrals(
 
 
 def by_lag(regions: Slices, integrals: Complex) -> Complex:
-    """Return the weighted sums of integrals over all regions that belong to the same lag."""
+    """Return the weighted sums of integrals over all regions that belong to the same lag.
+
+    The integrals have the shape (k, regions), and the sums the shape (k, lags).
+    """
     rows = regions.weights * integrals
     return np.array([sums_by_index(regions.row, row, len(regions.lags)) for row in rows])
 

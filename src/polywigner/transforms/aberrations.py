@@ -40,7 +40,7 @@ Order = tuple[int, int]
 
 
 def noll(j: int) -> Order:
-    """Return the order of the Zernike polynomial with a Noll index, which starts at 1.
+    """Return the order (n, m) of the Zernike polynomial with a Noll index, which starts at 1.
 
     Source: R. J. Noll, J. Opt. Soc. Am. 66, 207 (1976).
     """
@@ -51,7 +51,7 @@ def noll(j: int) -> Order:
 
 
 def osa(j: int) -> Order:
-    """Return the order of the Zernike polynomial with an OSA/ANSI index, which starts at 0.
+    """Return the order (n, m) of the Zernike polynomial with an OSA/ANSI index, which starts at 0.
 
     Source: ANSI Z80.28.
     """
@@ -60,7 +60,7 @@ def osa(j: int) -> Order:
 
 
 def fringe(j: int) -> Order:
-    """Return the order of the Zernike polynomial with a fringe index, which starts at 1."""
+    """Return the order (n, m) of the Zernike polynomial with a fringe index, which starts at 1."""
     d = math.isqrt(j - 1)
     rank = j - 1 - d * d
     m = d - rank // 2
@@ -90,9 +90,10 @@ def zernike_norm(order: Order) -> float:
 
 
 def zernike_values(orders: Sequence[Order], x: Floats, y: Floats) -> Floats:
-    """Return the values of Zernike polynomials at points, one row for each polynomial.
+    """Return the values of Zernike polynomials at points, shape (polynomials, ...).
 
-    The largest value of each polynomial on the rim of the disc is 1.
+    The coordinates x and y are in units of the radius of the disc. The largest value of each
+    polynomial on the rim of the disc is 1.
     """
     table = _complex_polynomials(max((n for n, _ in orders), default=0), x, y)
     return np.array([_real_or_imaginary(table[n, abs(m)], m) for n, m in orders])
@@ -212,7 +213,10 @@ class FunctionMode:
     radius: float
 
     def values(self, x: Floats, y: Floats) -> Floats:
-        """Return the values of the path function in m at positions in m, as a single row."""
+        """Return the values of the path function in m at positions in m, as a single row.
+
+        Raises ArgumentError unless the function returns a finite number, or one per position.
+        """
         path = np.asarray(self.path(x, y), np.float64)
         if path.shape not in ((), np.shape(x)) or not np.isfinite(path).all():
             raise ArgumentError(
@@ -546,7 +550,10 @@ def _zernike_modes(
 
 
 def _gram_schmidt(modes: ZernikeModes, pupil: Aperture | Array) -> Floats:
-    """Return the lower triangular matrix that makes polynomials orthonormal on a pupil."""
+    """Return the lower triangular matrix that makes polynomials orthonormal on a pupil.
+
+    Raises ArgumentError if they are linearly dependent on the pupil.
+    """
     degree = max(n for n, _ in modes.orders)
     triangles, _ = triangles_of(polygons_of(normal_form(pupil).in_plane.elements))
     # The product of two polynomials has twice their degree, and the map to a triangle adds one.

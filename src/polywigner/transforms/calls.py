@@ -118,7 +118,8 @@ def compute(
     """Return a public transform of a source at NumPy points or Dr.Jit points.
 
     The Fourier transform of arrays and of sources with several waves is computed by
-    :func:`polywigner.fourier`.
+    :func:`polywigner.fourier`. ``through`` and ``wavelength`` [m] must be specified together, and
+    the points are then points behind the optical system.
     """
     call = partial(_before_system, name, source, through, wavelength, (precision, engine))
     is_differentiable = isinstance(source, Differentiable)
@@ -286,7 +287,10 @@ def _before_system(
 
 
 def _mapped_points(name: str, source: Any, through: Any, wavelength: Any, points: Points) -> Points:
-    """Map points behind an optical system to points in front of it, (O2), (O3)."""
+    """Map points behind an optical system to points in front of it, (O2), (O3).
+
+    Raises ArgumentError if the system or the wavelength is missing or invalid.
+    """
     if through is None:
         raise ArgumentError(
             f"wavelength={wavelength!r} requires an optical system (through=), got none; omit the "
@@ -315,7 +319,10 @@ def _mapped_points(name: str, source: Any, through: Any, wavelength: Any, points
 
 
 def _blocks_for(system: FirstOrder, dimension: int) -> tuple[NDArray[np.float64], ...]:
-    """Return the blocks A, B, C, D of a ray transfer matrix, with one row for slits."""
+    """Return the blocks A, B, C, D of a ray transfer matrix, shape (d, d) each.
+
+    Raises ArgumentError for d = 1 if the system couples x and y.
+    """
     blocks = (system.A, system.B, system.C, system.D)
     if dimension == 2:
         return blocks
@@ -328,7 +335,11 @@ def _blocks_for(system: FirstOrder, dimension: int) -> tuple[NDArray[np.float64]
 
 
 def _of_partly_coherent_wave(name: str, wave: Wavefront, points: Points, how: Options) -> Values:
-    """Return a transform of a source with a finite coherence width, (PC2), (PC3), (I5)."""
+    """Return a transform of a source with a finite coherence width, (PC2), (PC3), (I5).
+
+    Raises IlluminationError for the Fourier transform, and ArgumentError for Dr.Jit points if there
+    is no closed form.
+    """
     if name == "fourier":
         raise IlluminationError(
             f"expected a coherent source for {name}, got one with a coherence width of "

@@ -28,7 +28,10 @@ _LEAST_ROWS = 8
 
 
 def in_plane(nu: Any) -> Values:
-    """Return the first two components of nu, because an aperture without a pose lies in z = 0."""
+    """Return nu without its third component, because an aperture without a pose lies in z = 0.
+
+    Other numbers of components are returned unchanged.
+    """
     if execution.is_drjit(nu):
         components = execution.split(nu)
         return execution.joined(components[:2]) if len(components) == 3 else nu
@@ -79,9 +82,9 @@ def array_on_grid(
 ) -> NDArray[np.complexfloating[Any]] | None:
     """Return the Fourier transform of an array of apertures on a grid of frequencies.
 
-    The result is None if the frequencies are not a grid, or if an aperture has a pose.
-    ``point_by_point`` computes the transform at frequencies at which the formula for grids loses
-    digits.
+    The result is None if the frequencies are not a grid, if an aperture has a pose, or if another
+    method is faster. ``point_by_point`` computes the transform at frequencies at which the formula
+    for grids loses digits.
     """
     if execution.is_drjit(nu) or array.dimension != 2:
         return None
@@ -108,7 +111,10 @@ def array_on_grid(
 def empty_result(
     shape: tuple[int, ...], precision: str | None, outputs: int
 ) -> tuple[Any, list[Any]]:
-    """Return an array for a real or complex result, and views of its real and imaginary parts."""
+    """Return an uninitialised array, and views of its real and imaginary part.
+
+    The array is real for one output and complex for two. A real array is its own single view.
+    """
     single = precision == "single"
     if outputs == 1:
         value = np.empty(shape, np.float32 if single else np.float64)

@@ -261,7 +261,10 @@ class _System:
 
     @classmethod
     def of(cls, pupil: Any, condenser: Any, defocus: Any, pupil_radius: Any) -> _System:
-        """Return an imaging system with checked arguments. The defocus is in waves."""
+        """Return an imaging system with checked arguments. The defocus is in waves.
+
+        Raises ArgumentError for invalid arguments and for a condenser without power.
+        """
         for name, source in (("pupil", pupil), ("condenser", condenser)):
             if not isinstance(source, Aperture | Array) or getattr(source, "dimension", 2) == 1:
                 raise ArgumentError(
@@ -475,7 +478,10 @@ def _plane_points(name: str, values: Any) -> Floats:
 
 
 def _checked_lattice(period: Any) -> Floats:
-    """Return the lattice vectors of a mask as rows, shape (2, 2), in m."""
+    """Return the lattice vectors of a mask as rows, shape (2, 2), in m.
+
+    Two numbers are the periods along x and y. Raises ArgumentError if the vectors are parallel.
+    """
     sizes = checked_array(period, "period", np.ndim(period) or 1)
     lattice = np.diag(sizes) if sizes.shape == (2,) else sizes
     flat = lattice.shape != (2, 2) or not np.isfinite(lattice).all()

@@ -187,7 +187,10 @@ def _is_frequency(name: str) -> bool:
 
 
 def _requested_tiles(available: Mapping[str, Tile], names: Iterable[str] | None) -> list[str]:
-    """Return the names of the tiles to compute, by default all available tiles."""
+    """Return the names of the tiles to compute, by default all available tiles.
+
+    Raises ArgumentError for unknown names.
+    """
     if not isinstance(names, Iterable | None):
         raise ArgumentError(f"expected tiles to be a list of names, got {type(names).__name__}")
     requested = [names] if isinstance(names, str) else list(available if names is None else names)
@@ -200,7 +203,10 @@ def _coordinate_values(
     samples: int,
     coordinates: Mapping[str, ArrayLike] | None,
 ) -> dict[str, Floats]:
-    """Return the values of each coordinate: specified by the caller, or evenly spaced."""
+    """Return the values of each coordinate: specified by the caller, or evenly spaced.
+
+    Raises ArgumentError for unknown coordinates and invalid values.
+    """
     names = dict.fromkeys(name for tile in tiles.values() for name in (tile.first, tile.second))
     count = checked_count(samples, "samples", 2, LARGEST_SAMPLES)
     requested = {} if coordinates is None else coordinates
@@ -228,7 +234,10 @@ def _coordinate_values(
 
 
 def _checked_values(name: str, values: ArrayLike) -> Floats:
-    """Return the values of a coordinate as an array (n,) with up to 4096 entries."""
+    """Return the values of a coordinate as an array (n,) with up to 4096 entries.
+
+    Raises ArgumentError for other values.
+    """
     array = finite_array(values, f"expected {name} to be finite numbers of shape (n,)", (None,))
     if len(array) > LARGEST_SAMPLES:
         raise ArgumentError(

@@ -166,7 +166,10 @@ def _sum_of_waves(source: Any, nu: Any, how: dict[str, Any]) -> Values:
 
 
 def _frequency_difference(nu: Any, kappa: Floats) -> tuple[Values, Floats | None]:
-    """Return nu - kappa and its rounding error, which matters for sources far from the origin."""
+    """Return nu - kappa and its rounding error, which matters for sources far from the origin.
+
+    For Dr.Jit arrays the rounding error is None.
+    """
     if execution.is_drjit(nu):
         return execution.shifted(nu, -kappa), None
     difference, lost = phases.difference(checked_points("nu", nu, len(kappa)), kappa)

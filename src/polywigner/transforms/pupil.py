@@ -290,7 +290,10 @@ def _checked_pupil(source: Any) -> PhaseSpaceSource:
 
 
 def checked_band(wavelength: Any, weights: Any) -> tuple[Floats, Floats]:
-    """Return the wavelengths in m, and their weights divided by the sum of all weights."""
+    """Return the wavelengths in m, and their weights divided by the sum of all weights.
+
+    By default all weights are equal. Raises ArgumentError for invalid wavelengths or weights.
+    """
     lengths = checked_row(wavelength, "expected a wavelength in m, or wavelengths of shape (k,)")
     for length in lengths.tolist():
         checked_wavelength(length)
@@ -326,9 +329,10 @@ def checked_pupil_radius(source: PhaseSpaceSource, given: Any) -> float:
 
 
 def image_distance(focal_length: Any, numerical_aperture: Any, radius: float) -> float:
-    """Return the distance of the image from the pupil.
+    """Return the distance of the image from the pupil in m.
 
-    Exactly one of ``focal_length`` and ``numerical_aperture`` must be specified.
+    Exactly one of ``focal_length`` and ``numerical_aperture`` must be specified, otherwise
+    ArgumentError is raised.
     """
     if (focal_length is None) == (numerical_aperture is None):
         raise ArgumentError(
@@ -347,7 +351,7 @@ def image_distance(focal_length: Any, numerical_aperture: Any, radius: float) ->
 
 
 def checked_energy(source: PhaseSpaceSource) -> float:
-    """Return the integral of |u|^2 over a source. Raises IlluminationError if it is zero."""
+    """Return the integral of |u|^2 over a source. Raises IlluminationError if fields cancel."""
     source = flat_source(source)
     energy = incoherent = energy_of(source)
     if isinstance(source, Array):
@@ -451,7 +455,7 @@ def _strehl_ratio(pupil: AberratedPupil, tolerance: float) -> float:
 
 
 def wavefront_error(source: Aperture | Array, aberration: Aberration | None = None) -> float:
-    """Compute the rms wavefront error over a pupil in metres, relative to the mean path length.
+    """Compute the rms deviation of the path length over a pupil from its mean value, in metres.
 
     The averages over the pupil are weighted with |u|^2, where u is the field in the pupil. Pistons
     and tilts of :func:`segmented_pupil` are included.

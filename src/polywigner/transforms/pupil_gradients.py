@@ -48,15 +48,18 @@ class Derivatives(Protocol):
     """Derivatives of integrals over a pupil, with one row for each integral."""
 
     def vertices(self) -> Complex:
-        """Return the derivatives with respect to the coordinates of the vertices."""
+        """Return the derivatives with respect to the vertices, shape (n, vertices, 2)."""
         ...
 
     def weights(self) -> tuple[Complex, Complex]:
-        """Return the derivatives with respect to the weights and their complex conjugates."""
+        """Return the derivatives with respect to the weights and their complex conjugates.
+
+        Both arrays have the shape (n, k).
+        """
         ...
 
     def coefficients(self) -> Complex:
-        """Return the derivatives with respect to the aberration coefficients."""
+        """Return the derivatives with respect to the aberration coefficients, shape (n, k)."""
         ...
 
 
@@ -161,11 +164,12 @@ class Edges:
         error: float,
         extra: int,
     ) -> tuple[Floats, Floats]:
-        """Return the nodes and weights of quadrature rules on parts of edges.
+        """Return the nodes and weights of quadrature rules on parts of edges, shape (k, m, 2) each.
 
         Each node has two weights: the weight of the rule times 1 - t and times t, where t is the
-        position of the node as a fraction of the edge. For ``slopes`` and ``half_band`` see
-        :func:`region_integrals`.
+        position of the node as a fraction of the edge. The sum of all weights of a part is its
+        length as a fraction of the edge. ``slopes`` returns gradients of the phase at points, and
+        ``half_band`` is the largest deviation of frequencies from them, in cycles per metre.
         """
         edge, low, high = parts
         begin, vector, length = self.begin[edge], self.vector[edge], high - low
@@ -181,7 +185,8 @@ class Edges:
     def at_vertices(self, edge: Indices, terms: Complex) -> Complex:
         """Return for each vertex the sum of terms of the adjacent edges, times their normals.
 
-        ``terms`` contains two values for each edge, for its first and its second vertex.
+        ``terms``, shape (..., k, 2), contains two values for each index in ``edge``, for the first
+        and the second vertex of the edge. The result has the shape (..., vertices, 2).
         """
         total = np.zeros((len(self.begin), 2, *terms.shape[:-2]), np.complex128)
         moments = terms[..., None] * self.normals[edge][:, None]
@@ -209,7 +214,8 @@ def autocorrelation_jets(
 ) -> Jets:
     """Return the autocorrelation integral of a pupil at lags, with its derivatives, as jets.
 
-    The integral is int u(x + xi/2) u*(x - xi/2) dx, where u is the field and xi the lag.
+    The integral is int u(x + xi/2) u*(x - xi/2) dx, where u is the field and xi the lag. Lags that
+    are not finite give NaN.
     """
     finite = np.isfinite(lags).all(axis=1, keepdims=True)
     lags = np.where(finite, lags, 0.0)

@@ -176,7 +176,10 @@ def _row_sums(
 
 
 def column_spectra(field: PlaneField, x: Floats, nu: Floats) -> Complex:
-    """Return the Fourier transform of the field along y, for each x and each frequency, (P9)."""
+    """Return the Fourier transform of the field along y, for each x and each frequency, (P9).
+
+    The result has one row for each x, which is relative to the centre of the field, like y.
+    """
     intervals = sections(field, x)
     at = x[intervals.row]
     # Waves with the same frequency along y are summed before the transform.
@@ -195,7 +198,10 @@ def column_spectra(field: PlaneField, x: Floats, nu: Floats) -> Complex:
 
 
 def column_integrals(field: PlaneField, x: Floats) -> NDArray[Any]:
-    """Return the integral of the field along y for each x, which is real for a real field."""
+    """Return the integral of the field along y for each x, relative to the centre.
+
+    The result is real for a real field.
+    """
     values = column_spectra(field, x, np.zeros(1))[:, 0]
     return values.real if field.is_uniform and not np.iscomplexobj(field.weights) else values
 

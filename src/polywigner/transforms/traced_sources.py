@@ -112,7 +112,8 @@ def _with_vertices(
 ) -> tuple[Aperture | Array, Drjit]:
     """Return a source with the values of Dr.Jit vertices, and the vertices.
 
-    Without a source, the vertices form a ring. They are reversed if the ring is clockwise.
+    Without a source, the vertices form a ring. They are reversed if the ring is clockwise. Raises
+    ArgumentError for another number of vertices than that of the source.
     """
     points = execution.columns_of(vertices)
     if source is None:

@@ -60,7 +60,10 @@ def is_partly_coherent(source: Any) -> bool:
 
 
 def principal_axes(curvature: Floats) -> tuple[Floats, Floats]:
-    """Return the principal curvatures, and their axes as the columns of a rotation matrix."""
+    """Return the principal curvatures, and their axes as the columns of an orthogonal matrix.
+
+    The curvatures are not sorted by magnitude, and the axes may be left-handed.
+    """
     if not np.any(curvature - np.diag(np.diagonal(curvature))):
         return np.diagonal(curvature).copy(), np.eye(len(curvature))
     values, axes = np.linalg.eigh(curvature)
@@ -122,7 +125,10 @@ def _centred_chirp(
 
 
 def coherent_source(source: Wavefront, tilt: Any = None) -> Any:
-    """Return the coherent source with the same curved wave, optionally times exp(2 pi i tilt.x)."""
+    """Return the coherent source with the same curved wave, optionally times exp(2 pi i tilt.x).
+
+    The tilt is in 1/m.
+    """
     flat = source.source if tilt is None else normal_form(source.source).tilted(tilt).public
     return Wavefront(flat, source.curvature, source.centre).coherent
 
@@ -135,7 +141,7 @@ def degree_of_coherence(source: Wavefront, xi: ArrayLike) -> Floats:
 
 
 def tilts_of(source: Wavefront, error: float, longest: float = math.inf) -> tuple[Floats, Floats]:
-    """Return the tilts in 1/m and their weights for averages with the specified error.
+    """Return the tilts (n, d) in 1/m and their weights for averages with the specified error.
 
     The error is relative to the value for a source whose points are all in phase. ``longest`` is
     the largest lag in m along each axis that contributes. Raises ArgumentError if the average needs

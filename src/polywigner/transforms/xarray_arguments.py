@@ -48,7 +48,8 @@ def arrays_of(dataset: Any, axes: Mapping[str, str], maker: str, *attrs: str) ->
     """Return arrays of a dataset, transposed to the given axes, then attributes of the dataset.
 
     ``axes`` contains the axes of each array, separated by blanks; an empty string accepts any axes.
-    ``maker`` is the name of the function that returns such datasets, for error messages.
+    ``maker`` is the name of the function that returns such datasets, for error messages. Raises
+    ArgumentError if the dataset lacks an array, an axis or an attribute.
     """
     try:
         arrays = [dataset[n].transpose(*d.split()) if d else dataset[n] for n, d in axes.items()]
@@ -198,7 +199,10 @@ def _component_dimension(name: str) -> str:
 
 
 def _with_dimension(name: str, value: Any, kind: type) -> xarray.DataArray | NDArray[Any]:
-    """Return a DataArray whose last dimension is renamed, or one point as a NumPy array."""
+    """Return a DataArray whose last dimension is renamed, or one point as a NumPy array.
+
+    Raises ArgumentError for other values.
+    """
     if not isinstance(value, kind):
         try:
             is_point = not is_drjit(value) and np.ndim(value) == 1

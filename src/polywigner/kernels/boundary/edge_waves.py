@@ -51,7 +51,9 @@ _NONE = 100.0
 class PanelView:
     """A straight piece of an edge, in coordinates relative to a point.
 
-    The position s along the panel runs from ``first`` to ``last``.
+    Lengths are in wavelengths. The position s along the panel runs from ``first`` to ``last``. The
+    panel has the constant coordinate ``b`` to the left of its direction, and the point lies at the
+    height ``z`` above the origin. The wave has the direction cosines (``along``, ``across``, p_z).
     """
 
     first: Any
@@ -250,7 +252,11 @@ def _total(ops: Any, view: PanelView, s: Any, radius: Any) -> Number:
 
 
 def angle_about(ops: Any, source: Point, point: Point, start: Point, end: Point) -> Number:
-    """Return the angle that an edge subtends about the axis from a source to a point."""
+    """Return the angle that an edge subtends about the axis from a source to a point.
+
+    The angle is in radians, and positive if the rotation from start to end is right-handed about
+    the axis.
+    """
     axis = difference(point, source)
     inverse = 1.0 / ops.sqrt(dot(axis, axis))
     axis = tuple(a * inverse for a in axis)
@@ -352,7 +358,8 @@ class _EdgePaths:
     def angle(self, ops: Any, limit: float, in_front: Any = 0.0) -> Number:
         """Return the angle that an edge subtends about the axis from the source to the point.
 
-        Only the part of the edge with |v| < ``limit`` is included.
+        The angle is in radians, and negative if the point lies in the half-space that contains the
+        shadow of the edge. Only the part of the edge with |v| < ``limit`` is included.
         """
         low, high = (_clamped(ops, v, limit) for v in (self.low, self.high))
         # Near the shadow boundary, the square root of the detour would lose digits by cancellation.
@@ -497,7 +504,10 @@ def edge_wave_and_rate(
     aside: Point | None = None, when: Callable[..., tuple[Any, Any]] = _always,
     blocked: Any = None, in_front: Any = None,
 ) -> tuple[Pair, Pair]:  # fmt: skip
-    """Return the boundary wave of :func:`edge_wave`, and its derivative along z at the source."""
+    """Return the complex result of :func:`edge_wave`, and its derivative along z at the source.
+
+    The derivative is with respect to the z coordinate of the source in wavelengths.
+    """
     jets = JetOperations(ops)
     (height,) = jets.variables(source[2:])
     point, start, end = (jets.constants(some) for some in (point, start, end))

@@ -43,7 +43,10 @@ _FARTHEST = 1e30
 def point_in_wavelengths(
     ops: Any, centre: tuple[float, float], wavelength: float, x: Any, y: Any, z: Any
 ) -> tuple[Doubled, Doubled, Doubled]:
-    """Return a point relative to the centre of the source, in wavelengths (float64 only)."""
+    """Return a point relative to the centre of the source, in wavelengths (float64 only).
+
+    The arguments are in metres. Each coordinate of the result is the sum of two floats.
+    """
     scale = phases.doubled(1 / Fraction(wavelength))
     aside = (
         phases.difference(v, c) if c else (v, 0.0) for v, c in zip((x, y), centre, strict=True)
@@ -112,8 +115,9 @@ class BoundaryTables:
 def enter(ops: Any, frame: BoundaryFrame, x: Any, y: Any, z: Any, digits: Any) -> Values:
     """Return the coordinates of a point and its distance, each as the sum of two floats.
 
-    The next result is the phase of the distance. ``digits``, minus the natural logarithm of the
-    allowed error, is returned unchanged.
+    The arguments x, y and z are in metres, and the results in wavelengths, relative to the centre
+    of the source. The next result is the phase of the distance in cycles. ``digits``, minus the
+    natural logarithm of the allowed error, is returned unchanged.
     """
     point = point_in_wavelengths(ops, frame.centre, frame.wavelength, x, y, z)
     distance = (paraxial_distance if frame.paraxial else distance_of)(ops, point)
@@ -239,7 +243,8 @@ def sums_over_panel(
     Parameters
     ----------
     bounds : tuple
-        Two lower bounds on the distance to singularities, and the required digits of accuracy.
+        Two lower bounds on the distance to singularities, and minus the natural logarithm of the
+        allowed error.
     node : callable
         Function (t, s, radius, step / radius, weights, *data) that returns the values at a node.
     values : int
@@ -430,7 +435,11 @@ def _strip(
     ops: Any, tables: _Strips, x: Any, y: Any, z: Any, begin_x: Any, begin_y: Any, ex: Any, ey: Any,
     length: Any, along: Any, start: Any, digits: Any,
 ) -> Values:  # fmt: skip
-    """Return three complex integrals along a panel, as six real numbers."""
+    """Return the integrals of u G, u (1/R - 2 pi i) G/R, and t u (1/R - 2 pi i) G/R along a panel.
+
+    The three complex integrals are six real numbers. They do not include the phase of the distance
+    from the origin to the point.
+    """
     dx, dy = begin_x - x, begin_y - y
     first, b = ex * dx + ey * dy, ex * dy - ey * dx
     view = panel_view(ops, first, length, b, z, (along, 0.0, 0.0))

@@ -246,8 +246,9 @@ class Clipper:
         """Yield the parts of an edge inside the convex pieces of the other copy.
 
         A part is (t0 + t1, t1 - t0, real, imag), where t0 and t1 are its ends as fractions of the
-        edge, and real + i imag is the product of one weight and the conjugate of the other. The
-        length t1 - t0 is 0 if the edge lies outside the piece.
+        edge. The number real + i imag is the weight of the edge times the conjugate weight of the
+        piece, or its complex conjugate for the view ``AHEAD``. The length t1 - t0 is 0 if the edge
+        lies outside the piece.
         """
         cuts: dict[int, Any] = {}
         for piece in (piece for piece in self.pieces if piece.group == group):
@@ -289,7 +290,10 @@ class Clipper:
         return low + high, length
 
     def _cut(self, edge: Edge, line: Line, view: View, slope: float) -> Number:
-        """Return the fraction of an edge at which the edge meets a line of the other copy."""
+        """Return the fraction of an edge at which its line meets a line of the other copy.
+
+        The fraction may lie outside the range from 0 to 1.
+        """
         scale = -view.point / slope
         size = (line.dx**2 + line.dy**2) * (edge.ex**2 + edge.ey**2)
         if slope**2 < _NEARLY_PARALLEL**2 * size:

@@ -158,7 +158,7 @@ class PairGrid:
         return sum(getattr(self, part.name).nbytes for part in fields(self))
 
     def on_device(self, send: Callable[[Array], Any]) -> PairGrid:
-        """Return a copy of the tables in the memory of an engine."""
+        """Return the tables in the memory of an engine. ``send`` copies a single table."""
         tables = {f.name: getattr(self, f.name) for f in fields(self)}
         # Dr.Jit cannot read from empty arrays.
         return replace(self, **{k: send(v if len(v) else _NONE) for k, v in tables.items()})
@@ -220,7 +220,7 @@ def cells_at(grid: HostGrid, x: Array, y: Array) -> Array:
 
 
 def rows_at(grid: HostGrid, t: Array) -> tuple[Array, Array]:
-    """Return the rows of the cells that contain the offsets ``t``, and the offset of each row."""
+    """Return the rows of the cells that contain the offsets ``t``, and each row's offset index."""
     spans = grid.cells.take(cells_at(grid, t.real, t.imag), axis=0)
     begin, counts = spans[:, 0], spans[:, 2] - spans[:, 0]
     owner = np.arange(len(t)).repeat(counts)

@@ -45,7 +45,11 @@ _FAR = 1e9
 def pairs_of(
     tables: Tables, key: Pass, double: bool, samples: int = 0, *, is_compiled: bool = True
 ) -> PairGrid:
-    """Return the edge pairs that can cross, for a view and two groups; cached if possible."""
+    """Return the edge pairs that can cross, for a view and two groups; cached if possible.
+
+    ``samples`` is the expected number of samples, or 0 if it is unknown. With ``is_compiled``, the
+    result is a :class:`ClipGrid` if all rings of the other copy are convex.
+    """
     view, group, other = key
     first, second = (outline_of(tables, number, double) for number in (group, other))
     second = second if view is MIRRORED else second.rotated
@@ -127,7 +131,11 @@ class PairClipper(Clipper):
         return tuple(totals)
 
     def intervals(self, edge: Edge, view: View, group: int = 0) -> Iterator[Interval]:
-        """Yield the part of the current edge, for which ``sum_over_edges`` calls its term."""
+        """Yield the part of the current edge, for which ``sum_over_edges`` calls its term.
+
+        Nothing is yielded for other views than the current one. The form is that of
+        :meth:`Clipper.intervals`.
+        """
         if self._current is not None and self._current[0] is view:
             yield self._current[1]
 

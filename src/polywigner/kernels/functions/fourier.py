@@ -87,8 +87,8 @@ class LinearFrame:
 def fan_sum(ops: Any, tables: Any, cycles: Any, *nu: Any) -> Values:
     """Return the real part and minus the imaginary part of a Fourier transform, (F2), (F3).
 
-    Each row contains the vertices of a triangle or tetrahedron except the origin, and their
-    determinant.
+    The result does not include the phase of the centre and ``frame.measure``. Each row contains the
+    vertices of a triangle or tetrahedron except the origin, and their determinant.
     """
 
     def term(*row: Any) -> Values:
@@ -363,9 +363,11 @@ class _FamilyTerm:
 def fourier_on_grid(
     ops: Any, tables: GridTables, nu_x: Array, nu_y: Array
 ) -> tuple[Array, Array, Array]:
-    """Return the Fourier transform on a grid of frequencies, and a mask of inaccurate values.
+    """Return the real and imaginary part of the Fourier transform on a grid, and a mask.
 
-    (F4) is inaccurate below `GridTables.floor`. The operations ``ops`` must be in float64.
+    ``nu_x`` and ``nu_y`` are the axes of the grid in 1/m, and all results have the shape
+    (len(nu_x), len(nu_y)). The mask is true for inaccurate values, because (F4) is inaccurate below
+    `GridTables.floor`. The operations ``ops`` must be in float64.
     """
     x, y = (
         (nu * scale, phases.cycles_to_centre(ops, (centre,), nu))

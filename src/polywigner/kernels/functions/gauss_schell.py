@@ -85,7 +85,11 @@ def wave_over_edge(
 
 
 def wave_over_interval(ops: Any, start: Any, end: Any, nu: Any) -> Values:
-    """Return the integral of the Gaussian wave exp(-xi^2/2 - 2 pi i nu xi) over an interval."""
+    """Return the integral of the Gaussian wave exp(-xi^2/2 - 2 pi i nu xi) over an interval.
+
+    The ends are in coherence widths, and nu in cycles per coherence width. The result is a tuple of
+    the real and the imaginary part.
+    """
     rate = _TURN * nu
     arc = _Arc(ops, start, end, ops.maximum(0.0 * abs(start), _SPREAD), rate)
     everywhere = rate == rate

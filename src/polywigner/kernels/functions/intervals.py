@@ -133,7 +133,11 @@ def pair_tables(source: Slits | Array, double: bool, of_lags: bool) -> SlitPairs
 def _overlap(
     ops: Any, shift: Doubled, gap: Any, gap_low: Any, half: Any, other: Any
 ) -> tuple[Any, Any]:
-    """Return the length of the overlap of two intervals, and its centre minus their mean centre."""
+    """Return the length of the overlap of two intervals, and its centre minus their mean centre.
+
+    The centres have the distance gap + gap_low - shift, and ``half`` and ``other`` are the
+    half-lengths. The length is 0 for separate intervals.
+    """
     apart, lost = phases.difference(gap, shift[0])
     distance = apart + (lost + (gap_low - shift[1]))
     shorter = ops.minimum(half, other)
@@ -183,7 +187,7 @@ class LineField:
         return len(self.waves) * (len(self.waves) + 1) // 2
 
     def wigner(self, ops: Any, x: Any, nu: Any, width: float = math.inf) -> Number:
-        """Return the Wigner function for a coherence width in units of the frame."""
+        """Return W(x, nu) of the field for a coherence width, with all arguments in the frame."""
         pairs = mean_pairs(self.waves, self.waves, True)
         return _over_pairs(ops, pairs, x, nu, _length(ops, self.half - abs(x), 4.0), width).real
 
@@ -232,7 +236,10 @@ def _over_pairs(
 
 
 def _field(ops: Any, tables: SlitTables, x: Any) -> Values:
-    """Return the real and imaginary part of the field at a position, without the carrier."""
+    """Return the real and imaginary part of the field at a position, without the carrier.
+
+    The position is in the frame.
+    """
     intervals = ((float(begin), float(end), waves) for begin, end, waves in tables.edges)
     total = reduce(Pair.__add__, (_field_between(ops, *interval, x) for interval in intervals))
     return total.real, total.imag
@@ -267,7 +274,10 @@ def _fourier(ops: Any, tables: SlitTables, cycles: Any, *nu: Any) -> Values:
 
 
 def _enter_wigner(ops: Any, frame: Frame, x: Any, nu: Any) -> Values:
-    """Return the shift 4x of both copies of a slit, and nu, in the frame as two floats each."""
+    """Return the shift 4x of both copies of a slit, and nu minus the carrier, in the frame.
+
+    Each number is the sum of two floats.
+    """
     # If x changes by dx, the two copies of a slit approach each other by 4 dx.
     scale = 4.0 / frame.measure
     total, low = phases.difference(x, frame.centre[0])

@@ -116,7 +116,7 @@ def product_of_both(ops: Any, frame: Any, inner: Values, sums: Values) -> Values
 
 
 def field(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[Any, Any]:
-    """Return the real and imaginary part of the field at a point, without the carrier.
+    """Return the real and imaginary part of the field at a point in the frame, without the carrier.
 
     Edges that cross the horizontal ray to the right of the point add or subtract the weight of
     their element. An edge includes its lower end but not its upper end, so a point on a common edge
@@ -141,7 +141,10 @@ def field(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[Any, Any]:
 
 
 def at_both_ends(field: Any) -> Callable[..., Values]:
-    """Return an edge sum that evaluates ``field(ops, tables, *x)`` at both ends of a lag."""
+    """Return a function that evaluates ``field(ops, tables, *x)`` at both ends of a lag.
+
+    It is the edge sum of a kernel whose first step is :func:`enter_both_ends`.
+    """
     return lambda ops, tables, cycles, *ends: (
         *field(ops, tables, *ends[: len(ends) // 2]),
         *field(ops, tables, *ends[len(ends) // 2 :]),

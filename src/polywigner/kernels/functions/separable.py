@@ -34,7 +34,10 @@ _UNIT = np.finfo(np.float64).eps / 2
 
 
 def _rectangle_of(aperture: Aperture) -> tuple[Floats, float] | None:
-    """Return the corners of a rectangle, longer side first, and their largest allowed error."""
+    """Return the corners of a rectangle, longer side first, and their largest allowed error.
+
+    The result is None if the outline is no rectangle.
+    """
     if len(aperture.rings) != 1:
         return None
     (ring,) = aperture.rings
@@ -79,13 +82,19 @@ class SeparableTables:
 
 
 def is_separable(aperture: Aperture) -> bool:
-    """Return whether an aperture is a rectangle whose field is a product along its sides."""
+    """Return whether an aperture is a rectangle whose field is a product along its sides.
+
+    The result is False for uniform fields and for single plane waves.
+    """
     return separable_tables(aperture, True) is not None
 
 
 @lru_cache(maxsize=256)
 def separable_tables(aperture: Aperture, double: bool) -> SeparableTables | None:
-    """Return the fields along both axes of a rectangle; None for other apertures and fields."""
+    """Return the fields along both axes of a rectangle; None for other apertures and fields.
+
+    The result is also None for uniform fields and for single plane waves.
+    """
     illumination = aperture.illumination
     if illumination is None or len(illumination.amplitudes) < 2:
         return None
@@ -159,7 +168,10 @@ def _enter_frequency(ops: Any, frame: Frame, *nu: Any) -> Values:
 
 
 def wigner(ops: Any, tables: SeparableTables, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Number:
-    """Return the Wigner function W(x, nu), for arguments in the frame, (I4)."""
+    """Return the Wigner function W(x, nu), for arguments in the frame, (I4).
+
+    The frequency is relative to the carrier, and the result does not include ``frame.measure``.
+    """
     along_x, along_y = tables.fields
     width_x, width_y = tables.coherence_widths
     return along_x.wigner(ops, x, nu_x, width_x) * along_y.wigner(ops, y, nu_y, width_y)
@@ -168,7 +180,11 @@ def wigner(ops: Any, tables: SeparableTables, x: Any, y: Any, nu_x: Any, nu_y: A
 def ambiguity(
     ops: Any, tables: SeparableTables, upsilon_x: Any, upsilon_y: Any, xi_x: Any, xi_y: Any
 ) -> tuple[Any, Any]:
-    """Return the real part and minus the imaginary part of the ambiguity function."""
+    """Return the real part and minus the imaginary part of the ambiguity function.
+
+    The arguments are in the frame. The result does not include ``frame.measure``, nor the phases of
+    the centre and the carrier.
+    """
     along_x, along_y = tables.fields
     return wave_sums(
         along_x.ambiguity(ops, upsilon_x, xi_x) * along_y.ambiguity(ops, upsilon_y, xi_y)
@@ -176,13 +192,17 @@ def ambiguity(
 
 
 def fourier(ops: Any, tables: SeparableTables, nu_x: Any, nu_y: Any) -> tuple[Any, Any]:
-    """Return the real part and minus the imaginary part of the Fourier transform."""
+    """Return the real part and minus the imaginary part of the Fourier transform.
+
+    The frequency is in the frame, relative to the carrier. The result does not include
+    ``frame.measure`` and the phase of the centre.
+    """
     along_x, along_y = tables.fields
     return wave_sums(along_x.fourier(ops, nu_x) * along_y.fourier(ops, nu_y))
 
 
 def field(ops: Any, tables: SeparableTables, x: Any, y: Any) -> tuple[Any, Any]:
-    """Return the real and imaginary part of the field at a point, without the carrier.
+    """Return the real and imaginary part of the field at a point in the frame, without the carrier.
 
     The rectangle includes its lower end along each axis, but not its upper end.
     """

@@ -266,10 +266,11 @@ class SliceSum:
     def listed(self, ops: Any, tables: Tables, *position: Array) -> tuple[Array, Array, bool]:
         """Return the parts of edges of the slices at all positions, for compiled code.
 
-        The results are the index of the first part of each position, a table of the parts, and
-        whether all weights are real. A row contains the centre and the vector of a part if all
-        weights are 1 or -1 and no frequency is shifted; a part with a weight of -1 is then
-        reversed. Otherwise, a row also contains the complex weight and the frequency shift.
+        The results are the index of the first part of each position followed by the number of
+        parts, a table of the parts, and whether all weights are real. A row contains the centre and
+        the vector of a part if all weights are 1 or -1 and no frequency is shifted; a part with a
+        weight of -1 is then reversed. Otherwise, a row also contains the complex weight and the
+        frequency shift.
         """
         owners, rows, count = [np.empty(0, np.intp)], [np.empty((0, _ROW))], len(position[0])
         for pairs, _, owner, (*geometry, real, imag) in self.parts(tables, position):
