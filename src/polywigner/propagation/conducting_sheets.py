@@ -160,7 +160,10 @@ def _close_to(origins: Floats, positions: Floats) -> NDArray[np.bool_]:
 def _averaged(
     compute: Callable[[Floats], Fields], positions: Floats, close: NDArray[np.bool_], step: Floats
 ) -> Fields:
-    """Return the results of ``compute``, averaged over neighbours of ``close`` positions."""
+    """Return the results of ``compute``, averaged over neighbours of ``close`` positions.
+
+    ``step``: see `mean_of_neighbours`.
+    """
     moved = np.where(close[:, None], positions + step, positions)
     results = compute(moved)
     if close.any():
@@ -173,7 +176,11 @@ def _averaged(
 def mean_of_neighbours(
     compute: Callable[[Floats], Fields], positions: Floats, step: Floats
 ) -> list[NDArray[Any]]:
-    """Return fourth-order means of ``compute`` over four neighbours of each position."""
+    """Return fourth-order means of ``compute`` over four neighbours of each position (n, 3).
+
+    The neighbours lie at -2, -1, 1 and 2 times ``step``, one vector (3,) or n vectors (n, 3). The
+    list has a mean for each result of ``compute``.
+    """
     near = [compute(positions + number * step) for number in _WEIGHTS]
     weights = list(_WEIGHTS.values())
     return [np.tensordot(weights, values, 1) for values in zip(*near, strict=True)]

@@ -230,7 +230,10 @@ class Links:
     """Number of additional nodes along each side of a cell, which determines the accuracy."""
 
     def sizes(self, pairs: Pairs) -> tuple[Floats, Floats, Floats]:
-        """Return half the diagonal of each cell of a pair, and the distance between the cells."""
+        """Return half the diagonal of each cell of a pair, and the distance between their centres.
+
+        All lengths (n,) are in wavelengths.
+        """
         ends = (self.transmitter, pairs.transmitter), (self.receiver, pairs.receiver)
         half = [np.linalg.norm(cells.high[k] - cells.low[k], axis=1) / 2 for cells, k in ends]
         return half[0], half[1], np.linalg.norm(self._between(pairs), axis=1)
@@ -246,7 +249,8 @@ class Links:
     def sums(self, pairs: Pairs, order: int) -> tuple[Complex, Floats]:
         """Return the contribution of each pair to the coupling (RX3), and its sum of moduli.
 
-        The phase due to the distance between the sources is omitted.
+        Values are in square wavelengths. The phase due to the distance between the sources is
+        omitted. ``order``: number q of nodes along each side of a cell.
         """
         values, size = np.zeros(len(pairs), np.complex128), np.zeros(len(pairs))
         for rows, here, there, sight in self._blocks(pairs, order):
@@ -312,7 +316,10 @@ class Links:
 
 
 def _nodes(cells: Cells, numbers: Indices, order: int) -> tuple[Floats, Floats]:
-    """Return interpolation nodes (n, q^2, 2) of cells, and the same relative to their centres."""
+    """Return interpolation nodes (n, q^2, 2) of cells, and the same relative to their centres.
+
+    Lengths are in wavelengths. ``order``: number q of nodes along each side.
+    """
     half = (cells.high[numbers] - cells.low[numbers]) / 2
     relative = half[:, None] * _rule(order)[0]
     return relative + _centre(cells, numbers)[:, None], relative
@@ -366,9 +373,9 @@ _MOST_VALUES, _MOST_PAIRS = 1 << 29, 1 << 17
 def link_sums(links: Links, tolerance: float, floor: Floats) -> tuple[Complex, Floats, Floats]:
     """Return ``int int u_t K u_r`` (RX3) for n poses, and their estimated and allowed errors.
 
-    The phase due to the distance is omitted. The allowed error is ``tolerance`` times the modulus
-    or times ``floor``, whichever is larger. Raises ArgumentError for computations that would take
-    more than several minutes.
+    Values are in square wavelengths. The phase due to the distance is omitted. The allowed error is
+    ``tolerance`` times the modulus or times ``floor`` (n,), whichever is larger. Raises
+    ArgumentError for computations that would take more than several minutes.
     """
     count = len(links.offset)
     first = np.zeros(count, np.intp)
@@ -433,7 +440,10 @@ def _next_order(links: Links, parts: Pairs) -> Pairs:
 
 
 def _evaluated(links: Links, pairs: Pairs, orders: Indices, before: Complex | Floats) -> Pairs:
-    """Evaluate pairs at the given orders; errors are the changes from the values ``before``."""
+    """Evaluate pairs at the given orders; errors are the changes from the values ``before``.
+
+    ``orders``: indices into _ORDERS. Raises ArgumentError for too many kernel values.
+    """
     if (_ORDERS[orders] ** 4.0).sum() > _MOST_VALUES * len(links.offset):
         raise _too_much(links, pairs)
     values, sizes = np.empty(len(pairs), np.complex128), np.empty(len(pairs))
