@@ -226,9 +226,9 @@ def field_and_error(
     engine: Engine = "auto",
     with_error: bool = False,
 ) -> tuple[Complex, Floats]:
-    """Return the field at points and an estimate of its error.
+    """Return the field of :func:`amplitude` at points, and an estimate of its error.
 
-    The error behind obstacles is estimated only if ``with_error`` is true.
+    The error behind obstacles is estimated only if ``with_error`` is true; otherwise it is omitted.
     """
     check_no_drjit(source=source, points=points, wavelength=wavelength)
     if aberration is not None:

@@ -109,7 +109,10 @@ class Radiator:
 
 
 def radiator_of(source: object) -> Radiator:
-    """Return an Aperture or a planar Array as a Radiator."""
+    """Return an Aperture or a planar Array as a Radiator, without elements of weight zero.
+
+    Raises ArgumentError for other sources, and GeometryError for elements outside the plane.
+    """
     form = normal_form(checked_source(source)).in_plane
     copies = [(e, np.zeros((1, 2)), np.array([e.weight])) for e in form.distinct]
     if form.repeated is not None:

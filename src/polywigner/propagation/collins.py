@@ -337,7 +337,10 @@ def _behind_stops(
     tolerance: float,
     engine: Engine,
 ) -> FieldEstimate:
-    """Compute the field at points (n, 2) behind stops, each followed by a system (O8)."""
+    """Compute the field at points (n, 2) behind stops, each followed by a system (O8).
+
+    ``planes``: source, then stops. ``systems``: the system behind each of them.
+    """
     *others, stop = planes
     *earlier_systems, system = systems
     if not others:
@@ -462,6 +465,9 @@ def as_lens(wave: Wavefront, wavelength: float) -> tuple[PublicSource, FirstOrde
 
 
 def squared_field(field: Complex, error: Floats) -> tuple[Floats, Floats]:
-    """Return the squared modulus of a complex field, and its error."""
+    """Return the squared modulus of a complex field, and its error.
+
+    ``error``: bound on the modulus of the error of the field.
+    """
     modulus = np.abs(field).astype(np.float64)
     return np.square(modulus), (2 * modulus + error) * error

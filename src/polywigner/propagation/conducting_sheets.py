@@ -53,7 +53,7 @@ class Sheet:
         return np.asarray(across / np.linalg.norm(across))
 
     def heights(self, positions: Floats) -> Floats:
-        """Return the heights (n,) of positions (n, 3) above the plane."""
+        """Return the signed heights (n,) of positions (n, 3) above the plane."""
         return np.asarray(positions @ self.plane[:3] + self.plane[3])
 
     def silhouettes(self, bodies: Obstacles, sources: Floats) -> list[Silhouette]:
@@ -71,8 +71,8 @@ class Sheet:
     def with_images(self, positions: Floats, source: Floats, least: Floats) -> Floats:
         """Return positions (n, 3) followed by their mirror images, shape (2n, 3).
 
-        Positions below the height ``least`` (n,) are raised to this height on the side of the
-        source.
+        Positions closer to the plane than ``least`` (n,) are moved to this distance, on the side of
+        the source (3,).
         """
         height, side = self.heights(positions), np.sign(self.heights(source))
         moved = np.where(np.abs(height) < least, least * (side or 1.0), height)
@@ -81,7 +81,7 @@ class Sheet:
 
 
 def flattened(bodies: Obstacles) -> Obstacles:
-    """Move plates into a common plane; raise ArgumentError for other obstacles."""
+    """Return plates moved into their common plane; raise ArgumentError for other obstacles."""
     sheet = Sheet.of(bodies)
     heights = sheet.heights(bodies.vertices)
     allowed = _UNEVEN * float(np.ptp(bodies.vertices, axis=0).max())

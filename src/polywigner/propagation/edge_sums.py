@@ -165,7 +165,10 @@ class EdgeSum:
         return change, free
 
     def _near_waves(self, targets: Targets, rule: EdgeRule) -> tuple[Complex, Complex]:
-        """Return the change of the field (n,) by shadows and near edges, and the free field (n,)."""
+        """Return the change of the field by shadows and near edges, and the free field.
+
+        Both arrays have the shape (n,).
+        """
         source, at = self.nodes.near, targets.positions
         of_points = source.waves_and_dipoles(at)
         waves, *dipoles = (source.fractions @ part.T for part in of_points)

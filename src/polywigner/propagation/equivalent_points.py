@@ -115,7 +115,8 @@ def _spectra(
 ) -> list[Complex]:
     """Return the far fields due to a source's field and to its normal derivative.
 
-    The unit is a square wavelength. Parts that the boundary condition does not contain are omitted.
+    Each array (nx, ny) contains all pairs of sines along x and y. The unit is a square wavelength
+    times the unit of the field. Parts that the boundary condition does not contain are omitted.
     """
     nu = np.stack(np.meshgrid(*sines, indexing="ij"), axis=-1) / wavelength
     phase = np.exp(2j * math.pi * (nu @ centre)) / wavelength**2
@@ -168,8 +169,8 @@ def _fitted(
 def sines_towards(low: Floats, high: Floats, boxes: Floats) -> Sines:
     """Return bounds on the sines of directions from a rectangle in z = 0 to boxes (n, 2, 3).
 
-    ``low`` and ``high`` are corners of the rectangle. The bounds include the diffraction angle of
-    the rectangle.
+    Lengths are in wavelengths. ``low`` and ``high`` are corners of the rectangle, and boxes contain
+    their lowest and highest corners. The bounds include the diffraction angle of the rectangle.
     """
     start = np.column_stack([low, high]).T
     first, last = boxes[:, 0].copy(), boxes[:, 1].copy()

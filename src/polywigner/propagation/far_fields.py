@@ -468,9 +468,10 @@ def steered_direction(
 def _phase_slope(
     positions: Values, weights: Values, wavelength: float, near: Values
 ) -> Values | None:
-    """Return the direction cosines to which the weights of an array are steered, or None.
+    """Return the direction cosines (2,) to which the weights of an array are steered, or None.
 
-    The phases must be linear apart from signs. ``near`` selects one of several grating lobes.
+    The phases must be linear apart from signs. ``near`` (2,): direction cosines that select one of
+    several grating lobes.
     """
     if len(weights) < 2:
         return None

@@ -218,7 +218,10 @@ def _at_frequency(
 
 
 def _pattern_of(table: FarFieldTable) -> xarray.Dataset:
-    """Return a far field from a file as the pattern of a polarised source."""
+    """Return a far field from a file as the pattern of a polarised source, with exp(-i omega t).
+
+    Raises FileFormatError for repeated, missing or contradictory directions.
+    """
     if len(np.unique(np.stack([table.theta, table.phi]).round(6), axis=1).T) < len(table.theta):
         raise FileFormatError(
             "some directions occur several times in the file; keep one row for each direction"

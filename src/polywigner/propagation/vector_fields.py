@@ -80,7 +80,10 @@ _LEAST = 1e-13
 def polarised_parts(
     source: PlaneSource | Wavefront, polarisation: Any
 ) -> list[tuple[PlaneSource | Wavefront, Complex]]:
-    """Return a polarised source as scalar sources, each with a polarisation vector (3,)."""
+    """Return a polarised source as scalar sources, each with a polarisation vector (3,).
+
+    The z components of the vectors are zero.
+    """
     jones = checked_polarisation(polarisation, source)
     return [(part, np.append(p, 0.0)) for part, p in components(source, jones)]
 
@@ -339,7 +342,7 @@ class EdgeIntegrals:
     begin: Floats
     """First ends of the panels relative to the centre of the source, shape (m, 2)."""
     along: Floats
-    """Shape (m, 2)."""
+    """Unit vectors along the panels, shape (m, 2)."""
     plane: Floats
     """Direction cosines p_x and p_y of the wave, shape (m, 2)."""
     cosine: Complex
@@ -452,7 +455,10 @@ def co_and_cross(components: tuple[Complex, Complex], jones: Complex) -> tuple[C
 
 
 def of_co_and_cross(co: Complex, cross: Complex, jones: Complex) -> tuple[Complex, Complex]:
-    """Convert co- and cross-polar parts to components along x and y."""
+    """Convert co- and cross-polar parts to components along x and y.
+
+    ``jones`` (2,): unit Jones vector of the co-polar part.
+    """
     p, q = jones
     return p * co - q.conjugate() * cross, q * co + p.conjugate() * cross
 

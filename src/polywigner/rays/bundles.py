@@ -47,9 +47,10 @@ def rays_dataset(
     batch: NDArray[Any] | None,
     attrs: dict[str, Any],
 ) -> xarray.Dataset:
-    """Return positions, directions and weights of n rays as a dataset.
+    """Return positions (n, 3) in m, directions (n, 3) and weights (n,) in W of rays as a dataset.
 
-    ``batch`` (n,): index of the independent set of quasi-random numbers of each ray.
+    ``batch`` (n,): index of the independent set of quasi-random numbers of each ray, None for
+    independent rays.
     """
     import xarray
 

@@ -70,7 +70,10 @@ class Cells:
         self._add(polygons, np.arange(len(polygons)))
 
     def halved(self, cells: Indices) -> tuple[Indices, Indices]:
-        """Divide cells; return the new cells, and the indices of their parents in ``cells``."""
+        """Divide cells; return the new cells, and the indices of their parents in ``cells``.
+
+        Each cell is divided into two or four. Empty parts are omitted.
+        """
         distinct, number = np.unique(cells, return_inverse=True)
         halves = [self._halves(int(cell)) for cell in distinct]
         counts = np.array([len(parts) for parts in halves], dtype=np.intp)[number]
@@ -239,7 +242,10 @@ class Links:
         return half[0], half[1], np.linalg.norm(self._between(pairs), axis=1)
 
     def _between(self, pairs: Pairs) -> Floats:
-        """Return the vectors (n, 3) from the transmitter cell to the receiver cell of each pair."""
+        """Return the vectors (n, 3) from the transmitter cell to the receiver cell of each pair.
+
+        The vectors between the cell centres are in wavelengths, in the transmitter's frame.
+        """
         vectors = self.offset[pairs.pose].copy()
         there = _centre(self.receiver, pairs.receiver)
         vectors += np.einsum("nij,nj->ni", self.rotation[pairs.pose][:, :, :2], there)

@@ -288,7 +288,7 @@ def warn_of_small(facets: Facets, wavelength: float) -> None:
 def _power(
     sums: Complex, later: Complex | None, k: Floats, s: Floats, polarisations: list[Complex]
 ) -> Floats:
-    """Return ``|q.(N x h + M h)|^2`` of (SC1) and (SC6) for m samples.
+    """Return ``|q.(N x h + M h)|^2`` of (SC1) and (SC6) in m^4 for m samples.
 
     ``sums`` is N and ``later`` is M. ``polarisations``: q of the receiver and p of the incident
     wave with h = k x p. Without them, the total power is averaged over incident polarisations.

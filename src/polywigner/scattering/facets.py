@@ -230,7 +230,10 @@ def facing(facets: Facets, direction: Floats, block: slice = slice(None)) -> Sid
 
 
 def facing_point(facets: Facets, point: Floats) -> Sides:
-    """Return the sides of triangles that face a point, shape (n,)."""
+    """Return the sides of triangles that face a point (3,), shape (n,).
+
+    The point is in m from the body's centre.
+    """
     away = facets.corner - point
     distance = np.maximum(np.linalg.norm(away, axis=1), np.finfo(float).tiny)
     return _sides((away * facets.normal).sum(axis=1) / distance, facets.is_plate)
@@ -314,10 +317,10 @@ def _visible(facets: Facets, signs: Sides, project: Callable[[Floats], Projected
 
 
 def less_hidden(illuminated: Visible, visible: Visible, faces: Sides) -> Visible:
-    """Remove the parts hidden from a receiver; ``faces`` are the sides that face the receiver.
+    """Return the illuminated parts without the parts hidden from a receiver.
 
-    Illuminated sides that face away from the receiver remain, because they contribute to the
-    forward field.
+    ``faces`` are the sides that face the receiver. Illuminated sides that face away from the
+    receiver remain, because they contribute to the forward field.
     """
     signs, parts = illuminated.signs.copy(), illuminated.parts.copy()
     faces_receiver = (signs != 0) & (signs == faces)

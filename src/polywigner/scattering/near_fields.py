@@ -206,7 +206,10 @@ class Antenna:
         return field, slope, rate / np.maximum(np.linalg.norm(rate, axis=1, keepdims=True), 1.0)
 
     def _fields(self, points: Floats) -> tuple[Complex, Complex]:
-        """Return the electric field, and the magnetic field times the impedance, for 1 W."""
+        """Return the electric field, and the magnetic field times the impedance, for 1 W.
+
+        Points and both results have the shape (..., 3) in the body's frame.
+        """
         assert self.jones is not None
         # The magnetic field times the impedance of free space equals the electric field of the dual
         # currents. The polarisation of dual Huygens' currents is rotated by 90 degrees.
@@ -302,7 +305,10 @@ def field_gradient(
 
 
 def _derivative(radiator: Radiator, wavelength: float, axis: int) -> Radiator:
-    """Return a radiator with each plane wave multiplied by 2 pi i times a frequency component."""
+    """Return a radiator with each plane wave multiplied by 2 pi i times a frequency component.
+
+    ``axis``: 0 for x, 1 for y, 2 for z (p_z/wavelength, also for evanescent waves).
+    """
     elements = []
     for element in radiator.elements:
         rates = (
