@@ -226,9 +226,9 @@ def field_and_error(
     engine: Engine = "auto",
     with_error: bool = False,
 ) -> tuple[Complex, Floats]:
-    """Return the field at points and an estimate of its error.
+    """Return the field of :func:`amplitude` at points, and an estimate of its error.
 
-    The error behind obstacles is estimated only if ``with_error`` is true.
+    The error behind obstacles is estimated only if ``with_error`` is true; otherwise it is omitted.
     """
     check_no_drjit(source=source, points=points, wavelength=wavelength)
     if aberration is not None:
@@ -327,7 +327,10 @@ def _aberrated_field(
 
 
 def _seen_from(centre: Floats, points: Floats, wavelength: float) -> tuple[Floats, Floats, Complex]:
-    """Return directions, distances [wavelengths] and phase factors of points from a centre."""
+    """Return directions (n, 3), distances [wavelengths] and phase factors exp(ikR) of points.
+
+    ``centre``: position (2,) in the plane z = 0 from which the points (n, 3) are seen, in m.
+    """
     x, y = centre.tolist()
     ahead = point_in_wavelengths(_OPS, (x, y), wavelength, *points.T)
     doubled = distance_of(_OPS, ahead)
@@ -386,7 +389,10 @@ def _fraunhofer(
     obliquity: BoundaryCondition | None,
     engine: Engine,
 ) -> tuple[Complex, Floats]:
-    """Return the Fraunhofer field (B7) at points (n, 3), and a bound on its rounding error."""
+    """Return the Fraunhofer field (B7) at points (n, 3), and a bound on its rounding error.
+
+    ``obliquity``: None for the default boundary condition.
+    """
     kind = checked_method(DEFAULT if obliquity is None else obliquity, CONDITIONS)
     flat = flat_source(source)
     radiator = radiator_of(flat)

@@ -208,7 +208,10 @@ def _statistics(
     factors: Complex,
     shifts: Floats | None,
 ) -> dict[str, Floats]:
-    """Return |E|^2 in directions (n, 3): nominal, expected, and mean and quantiles of samples."""
+    """Return |E|^2 in directions (n, 3): nominal, expected, and mean and quantiles of samples.
+
+    Each of the five arrays (n,) is in W/sr. ``factors`` and ``shifts``: see `_draw`.
+    """
     square, variance = _mean_and_variance(errors, wavelength)
     weighted = source.weights[:, None] * factors
     size = len(source) * (1 if shifts is None else factors.shape[1]) + factors.shape[1]

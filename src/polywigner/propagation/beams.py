@@ -321,7 +321,10 @@ def _warn_of_samples(
 
 
 def cut_metrics(cut: Cut, beam: float) -> CutMetrics:
-    """Return the metrics of a cut through a pattern whose beam has ``beam`` dBi."""
+    """Return the metrics of a cut through a pattern whose beam has ``beam`` dBi.
+
+    If the peak of the cut is more than 150 dB below the beam, the cut has no radiation.
+    """
     angles, levels = cut.angles, np.maximum(cut.levels, _DARK)
     peak = int(np.argmax(levels)) if cut.kind == "theta" else _nearest_peak(levels, angles)
     angle, level = _vertex(angles, levels, peak)
@@ -376,7 +379,7 @@ def _flank(angles: Floats, levels: Floats, peak: int, step: int, level: float) -
     """Return the half-power angle, null and sidelobes of a cut on one side of its peak.
 
     ``peak`` and ``level``: index and level of the peak. ``step``: 1 for larger angles, -1 for
-    smaller angles.
+    smaller angles. Values beyond the end of the cut keep their defaults.
     """
     levels, angles = levels[peak::step], angles[peak::step]
     below = np.flatnonzero(levels < level - _HALF)
@@ -400,7 +403,10 @@ def _flank(angles: Floats, levels: Floats, peak: int, step: int, level: float) -
 
 
 def _vertex(angles: Floats, levels: Floats, peak: int) -> tuple[float, float]:
-    """Return angle and level of the vertex of the parabola through three neighbouring samples."""
+    """Return angle and level of the vertex of the parabola through three neighbouring samples.
+
+    The sample itself is returned at an end of the cut and next to a null.
+    """
     angle, level = float(angles[peak]), float(levels[peak])
     near = slice(max(0, peak - 1), peak + 2)
     x, y = angles[near] - angle, levels[near] - level

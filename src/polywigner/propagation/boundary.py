@@ -98,18 +98,21 @@ class Radiator:
         )
 
     def distance(self, points: Floats) -> Floats:
-        """Return the distances of points from the bounding box, in m."""
+        """Return the distances (n,) of points (n, 3) from the bounding box, in m."""
         outside = np.maximum(np.maximum(self.low - points[:, :2], points[:, :2] - self.high), 0.0)
         return np.asarray(np.sqrt((outside**2).sum(axis=1) + points[:, 2] ** 2))
 
     def distance_of_centre(self, points: Floats) -> Floats:
-        """Return the distances of points from the centre of the bounding box, in m."""
+        """Return the distances (n,) of points (n, 3) from the centre of the bounding box, in m."""
         aside = points[:, :2] - self.centre
         return np.asarray(np.sqrt((aside**2).sum(axis=1) + points[:, 2] ** 2))
 
 
 def radiator_of(source: object) -> Radiator:
-    """Return an Aperture or a planar Array as a Radiator."""
+    """Return an Aperture or a planar Array as a Radiator, without elements of weight zero.
+
+    Raises ArgumentError for other sources, and GeometryError for elements outside the plane.
+    """
     form = normal_form(checked_source(source)).in_plane
     copies = [(e, np.zeros((1, 2)), np.array([e.weight])) for e in form.distinct]
     if form.repeated is not None:
@@ -185,9 +188,10 @@ def panels_of(
 
 
 def cosines_of(frequencies: Floats, wavelength: float, paraxial: bool) -> Complex:
-    """Return the direction cosines p_z of plane waves.
+    """Return the complex direction cosines p_z (m,) of plane waves with frequencies (m, 2) in 1/m.
 
-    The paraxial value is ``1 - (p_x^2 + p_y^2)/2``.
+    They are positive imaginary for evanescent waves. The paraxial value is ``1 - (p_x^2 +
+    p_y^2)/2``.
     """
     if not paraxial:
         return direction_cosines(frequencies, wavelength)
@@ -211,7 +215,10 @@ def _cosine_errors(
 
 
 def _divided_edges(outline: Aperture, longest: float) -> tuple[Floats, Floats, Floats]:
-    """Return the first ends (n, 2), directions (n, 2) and lengths (n,) of pieces of the edges."""
+    """Return the first ends (n, 2), directions (n, 2) and lengths (n,) of pieces of the edges.
+
+    Lengths are in m; ``longest`` is the largest length of a piece, and directions are unit vectors.
+    """
     begin = np.concatenate(outline.rings)
     edge = np.concatenate([np.roll(ring, -1, axis=0) for ring in outline.rings]) - begin
     length = np.hypot(edge[:, 0], edge[:, 1])
@@ -254,10 +261,10 @@ def boundary_field(
     tolerance: float,
     engine: str,
 ) -> FieldEstimate:
-    """Compute the field of a source at points (n, 3) by boundary integrals.
+    """Compute the field of a source at points (n, 3) in m by boundary integrals.
 
     ``tolerance`` is a fraction of the incident amplitude or of the bound on the field, whichever is
-    smaller.
+    smaller. Errors above the allowed errors are returned without a warning.
     """
     if method != "fresnel":
         return _by_edge_sums(radiator, points, wavelength, method, tolerance, engine)
@@ -359,7 +366,10 @@ def _edge_sums(
     longest: float,
     steep: bool | None = None,
 ) -> tuple[Complex, Floats]:
-    """Return the field at points as a sum over panels, and its error of about exp(-digits)."""
+    """Return the field at points as a sum over panels, and its estimated error, about exp(-digits).
+
+    ``longest`` is in wavelengths. ``steep`` selects plane waves, as in :func:`panels_of`.
+    """
     kernel = Kernel(
         name=f"boundary integral, {edge_sum.__name__}",
         dimension=3,

@@ -65,10 +65,11 @@ def collins_field(
     tolerance: float,
     engine: Engine,
 ) -> FieldEstimate:
-    """Compute the field at points (n, 2) behind a first-order system without stops.
+    """Compute the field at points (n, 2) in m behind a first-order system without stops (O4).
 
-    ``tolerance`` is relative to the smaller of two bounds: the field with all parts of the source
-    in phase, and the field of geometrical optics.
+    The factor exp(ikL) of the axial path is omitted. ``tolerance`` is relative to the smaller of
+    two bounds: the field with all parts of the source in phase, and the field of geometrical
+    optics. In an image plane, the allowed errors are infinite.
     """
     radiator = radiator_of(source)
     if _zero_scales(system).all():
@@ -100,7 +101,7 @@ def collins_field(
 
 
 def _zero_scales(system: FirstOrder) -> NDArray[np.bool_]:
-    """Return whether the singular values of the matrix B are zero; in an image, all are zero."""
+    """Return which singular values (2,) of the matrix B are zero; in an image, both are zero."""
     scale = np.linalg.svd(system.B, compute_uv=False)
     return np.asarray(scale <= np.linalg.norm(system.rounding[:2, 2:]))
 
@@ -136,7 +137,10 @@ def _root_phase(matrix: Floats) -> complex:
 def _rounding(
     radiator: Radiator, curvature: Floats, axes: Floats, slopes: Floats, wavelength: float
 ) -> Floats:
-    """Return rounding errors (n,) of `chirp_transform` at the frequencies slopes/wavelength."""
+    """Return rounding errors (n,) of `chirp_transform` at the frequencies slopes/wavelength.
+
+    ``curvature`` (2,) and ``axes`` (2, 2): eigenvalues in 1/m and eigenvectors of M in (O4).
+    """
     largest = float(abs(curvature).max())
     size = float(np.linalg.norm(radiator.high - radiator.low))
     along = radiator.amplitude * radiator.perimeter * min(math.sqrt(wavelength / largest), size)
@@ -149,7 +153,11 @@ def _by_fresnel(
     radiator: Radiator, slopes: Floats, wavelength: float, curvature: float,
     tolerance: float, engine: str,
 ) -> FieldEstimate:  # fmt: skip
-    """Return Collins' integral for equal curvatures as a scaled Fresnel field."""
+    """Return the integral (O4) without the factor c as a scaled Fresnel field for equal curvatures.
+
+    ``curvature``: both eigenvalues of M in 1/m, of either sign. ``slopes``: q in (O4), shape (n,
+    2). The errors are also without c.
+    """
     if curvature < 0:
         mirrored = tuple(
             replace(
@@ -176,7 +184,10 @@ def _by_fresnel(
 def _image(
     field: Callable[[Floats], Complex], points: Floats, wavelength: float, system: FirstOrder
 ) -> tuple[Complex, float]:
-    """Return the image of a field behind a system with B = 0, and its amplitude scale."""
+    """Return the image of a field behind a system with B = 0, and its amplitude scale.
+
+    ``field``: function of positions (n, 2) in the source plane. The image includes the scale.
+    """
     inverse, scale = np.linalg.inv(system.A), 1 / math.sqrt(abs(np.linalg.det(system.A)))
     front = 1j * _root_phase(system.A) if np.linalg.det(system.A) > 0 else -1j
     waves = waves_of_cycles(_quadratic(system.C @ inverse, points, wavelength))
@@ -184,7 +195,7 @@ def _image(
 
 
 def _source_field(source: Any, x: Floats) -> NDArray[np.complex128]:
-    """Return the field u of a source at positions (n, 2) in its plane."""
+    """Return the field u (n,) of a source at positions (n, 2) in its plane; it is 0 outside."""
     total = np.zeros(len(x), np.complex128)
     for element in normal_form(source).in_plane.elements:
         inside = autocorrelation(element.outline, x, (0.0, 0.0), engine="numpy")
@@ -193,7 +204,7 @@ def _source_field(source: Any, x: Floats) -> NDArray[np.complex128]:
 
 
 def _element_field(element: SourceElement, x: Floats) -> Complex:
-    """Return the field of an element at positions (n, 2), not cut off at its outline."""
+    """Return the weighted field of an element at positions (n, 2), not cut off at its outline."""
     waves = np.exp(2j * np.pi * (x @ element.frequencies.T))
     return np.asarray(element.weight * (waves @ element.amplitudes))
 
@@ -207,10 +218,10 @@ def field_behind(
     others: dict[str, Any],
     engine: Engine,
 ) -> tuple[Complex, Floats]:
-    """Return the field at points (..., 2) behind first-order systems and stops, and its error.
+    """Return the field at points (..., 2) in m behind first-order systems and stops, and its error.
 
-    ``others`` are arguments that apply only to free space. Raises ArgumentError if any of them is
-    not None.
+    The factor exp(ikL) of the axial path is omitted. ``others`` are arguments that apply only to
+    free space. Raises ArgumentError if any of them is not None.
     """
     for name, value in others.items():
         if value is not None:
@@ -247,7 +258,10 @@ def checked_points_behind(points: Any) -> Floats:
 
 
 def systems_and_stops(through: object) -> tuple[list[FirstOrder], list[PublicSource]]:
-    """Return the first-order systems of ``through``, and the stops between them."""
+    """Return the n + 1 first-order systems of ``through``, and the n stops between them.
+
+    Consecutive systems are multiplied. Raises ArgumentError for other elements.
+    """
     systems: list[FirstOrder] = [_IDENTITY]
     stops: list[PublicSource] = []
     for part in through if isinstance(through, list | tuple) else [through]:
@@ -323,7 +337,10 @@ def _behind_stops(
     tolerance: float,
     engine: Engine,
 ) -> FieldEstimate:
-    """Compute the field at points (n, 2) behind stops, each followed by a system (O8)."""
+    """Compute the field at points (n, 2) behind stops, each followed by a system (O8).
+
+    ``planes``: source, then stops. ``systems``: the system behind each of them.
+    """
     *others, stop = planes
     *earlier_systems, system = systems
     if not others:
@@ -377,7 +394,10 @@ def _stop_rate(
 def _stop_rule(
     stop: Any, rate: float, extra: float, lattice: FrequencyLattice
 ) -> tuple[Floats, Complex]:
-    """Return nodes (m, 2) on a stop, and quadrature weights times its transmission."""
+    """Return nodes (m, 2) in m on a stop, and quadrature weights (m,) times its transmission.
+
+    Raises ArgumentError for too many pairs of a node and a point.
+    """
     elements = normal_form(stop).in_plane.elements
     triangles = [corners[t] for corners, t in (triangulate(e.shape) for e in elements)]
     work = sum(node_count(part, rate, extra) for part in triangles) * lattice.work
@@ -410,7 +430,10 @@ class FrequencyLattice:
         """Cost of a node, in units of a complex exponential."""
 
     def fourier_sum(self, nodes: Floats, waves: Complex) -> Complex:
-        """Return ``sum_k waves_k exp(-2 pi i nu.x_k)`` over nodes x_k for all frequencies nu."""
+        """Return ``sum_k waves_k exp(-2 pi i nu.x_k)`` for all frequencies nu, shape (n,).
+
+        ``nodes`` (m, 2): positions x_k. ``waves`` (m,): weighted values at these positions.
+        """
         total: Any = 0.0
         rows = max(1, _BLOCK // max(1, sum(map(len, self.axes))))
         with with_progress("waves", range(0, len(nodes), rows)) as starts:
@@ -442,6 +465,9 @@ def as_lens(wave: Wavefront, wavelength: float) -> tuple[PublicSource, FirstOrde
 
 
 def squared_field(field: Complex, error: Floats) -> tuple[Floats, Floats]:
-    """Return the squared modulus of a complex field, and its error."""
+    """Return the squared modulus of a complex field, and its error.
+
+    ``error``: bound on the modulus of the error of the field.
+    """
     modulus = np.abs(field).astype(np.float64)
     return np.square(modulus), (2 * modulus + error) * error

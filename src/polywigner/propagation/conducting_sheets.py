@@ -53,7 +53,7 @@ class Sheet:
         return np.asarray(across / np.linalg.norm(across))
 
     def heights(self, positions: Floats) -> Floats:
-        """Return the heights (n,) of positions (n, 3) above the plane."""
+        """Return the signed heights (n,) of positions (n, 3) above the plane."""
         return np.asarray(positions @ self.plane[:3] + self.plane[3])
 
     def silhouettes(self, bodies: Obstacles, sources: Floats) -> list[Silhouette]:
@@ -71,8 +71,8 @@ class Sheet:
     def with_images(self, positions: Floats, source: Floats, least: Floats) -> Floats:
         """Return positions (n, 3) followed by their mirror images, shape (2n, 3).
 
-        Positions below the height ``least`` (n,) are raised to this height on the side of the
-        source.
+        Positions closer to the plane than ``least`` (n,) are moved to this distance, on the side of
+        the source (3,).
         """
         height, side = self.heights(positions), np.sign(self.heights(source))
         moved = np.where(np.abs(height) < least, least * (side or 1.0), height)
@@ -81,7 +81,7 @@ class Sheet:
 
 
 def flattened(bodies: Obstacles) -> Obstacles:
-    """Move plates into a common plane; raise ArgumentError for other obstacles."""
+    """Return plates moved into their common plane; raise ArgumentError for other obstacles."""
     sheet = Sheet.of(bodies)
     heights = sheet.heights(bodies.vertices)
     allowed = _UNEVEN * float(np.ptp(bodies.vertices, axis=0).max())
@@ -160,7 +160,10 @@ def _close_to(origins: Floats, positions: Floats) -> NDArray[np.bool_]:
 def _averaged(
     compute: Callable[[Floats], Fields], positions: Floats, close: NDArray[np.bool_], step: Floats
 ) -> Fields:
-    """Return the results of ``compute``, averaged over neighbours of ``close`` positions."""
+    """Return the results of ``compute``, averaged over neighbours of ``close`` positions.
+
+    ``step``: see `mean_of_neighbours`.
+    """
     moved = np.where(close[:, None], positions + step, positions)
     results = compute(moved)
     if close.any():
@@ -173,7 +176,11 @@ def _averaged(
 def mean_of_neighbours(
     compute: Callable[[Floats], Fields], positions: Floats, step: Floats
 ) -> list[NDArray[Any]]:
-    """Return fourth-order means of ``compute`` over four neighbours of each position."""
+    """Return fourth-order means of ``compute`` over four neighbours of each position (n, 3).
+
+    The neighbours lie at -2, -1, 1 and 2 times ``step``, one vector (3,) or n vectors (n, 3). The
+    list has a mean for each result of ``compute``.
+    """
     near = [compute(positions + number * step) for number in _WEIGHTS]
     weights = list(_WEIGHTS.values())
     return [np.tensordot(weights, values, 1) for values in zip(*near, strict=True)]

@@ -157,7 +157,7 @@ def _point_cells(
 def _are_small(
     wave: Wavefront, part: _Element, cells: Floats, points: Floats, wavelength: float
 ) -> NDArray[np.bool_]:
-    """Return whether one Gauss rule integrates the wave of each cell to its point."""
+    """Return a mask (k,) of cells whose wave to their point one Gauss rule integrates."""
     sides = cells - np.roll(cells, 1, axis=1)
     size = np.linalg.norm(sides, axis=2).max(axis=1)
     away = cells - points[:, None, :2]
@@ -176,7 +176,8 @@ def field_at_nodes(
 ) -> tuple[Floats, Complex, Complex]:
     """Return nodes (k, n, 2) on k cells, and the weighted field and normal derivative (k, n).
 
-    The derivative is divided by ik, and is zero unless ``with_slopes`` is true.
+    Both are multiplied by quadrature weights in m^2. The derivative is divided by ik, and is zero
+    unless ``with_slopes`` is true.
     """
     count = len(cells)
     ((_, nodes, weights),) = cell_rules(cells_of(cells), np.full((count, 2), _NODES))
@@ -197,7 +198,7 @@ def field_at_nodes(
 def _integrand(
     wave: Wavefront, part: _Element, cells: Floats, points: Floats, wavelength: float, method: str
 ) -> Complex:
-    """Return the weighted integrand of (Q7) at the nodes of cells."""
+    """Return the weighted integrand (k, nodes) of (Q7) on k cells, for one point per cell."""
     condition = CONDITIONS[method]
     nodes, field, slopes = field_at_nodes(
         wave, part, cells, wavelength, condition.needs_normal_derivative

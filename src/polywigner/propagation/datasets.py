@@ -485,7 +485,7 @@ def wigner_table(
     chunks : int, str or sequence, optional
         Chunk size as in :func:`plane`. With ``out``, the default is chunks of up to 4 million
         samples.
-    precision : {"single", "double"}
+    precision : {"single", "double"}, default "single"
         Precision of sums and results.
     engine : {"auto", "numpy", "llvm", "cuda"}
         See :func:`wigner`.

@@ -153,7 +153,10 @@ class EdgeSum:
         return any(point.field for point in self.points)
 
     def change(self, targets: Targets, rule: EdgeRule) -> tuple[Complex, Complex]:
-        """Return the change of the field by the obstacles at all targets, and the free field."""
+        """Return the change of the field by the obstacles at n targets, and the free field.
+
+        Both arrays have the shape (n,).
+        """
         change = self._far_waves(targets.positions)
         free = np.zeros_like(change)
         for some in _blocks(len(change), max(len(self.edges), len(self.points))):
@@ -162,7 +165,10 @@ class EdgeSum:
         return change, free
 
     def _near_waves(self, targets: Targets, rule: EdgeRule) -> tuple[Complex, Complex]:
-        """Return the change of the field by shadows and near edges, and the free field."""
+        """Return the change of the field by shadows and near edges, and the free field.
+
+        Both arrays have the shape (n,).
+        """
         source, at = self.nodes.near, targets.positions
         of_points = source.waves_and_dipoles(at)
         waves, *dipoles = (source.fractions @ part.T for part in of_points)
@@ -297,7 +303,10 @@ def _sample_counts(edges: Floats, nodes: Interpolation, positions: Floats, error
 
 
 def _slope(along: Point, end: Point, point: Point) -> Number:
-    """Return the derivative along an edge of the distance from a point, at one end of the edge."""
+    """Return the derivative along an edge of the distance from a point, times the edge length.
+
+    ``along``: vector of the edge. ``end``: the end of the edge at which the derivative is taken.
+    """
     away = difference(end, point)
     return dot(along, away) / _OPS.maximum(_OPS.sqrt(dot(away, away)), 1e-9)
 
@@ -326,7 +335,10 @@ def _near_weight(
 def _boundary_waves(
     rule: EdgeRule, is_oblique: bool, ops: Any, _: Point, sample: Point, shared: Point
 ) -> Values:
-    """Return the boundary wave of an edge relative to a node's wave, and relative to its dipole."""
+    """Return the boundary wave of an edge relative to a node's wave, and relative to its dipole.
+
+    The four results are two pairs of real and imaginary part.
+    """
     origin, start, end, point, aside = (sample[k : k + 3] for k in (0, 3, 6, 9, 12))
     path = origin, point, start, end, aside
     rate = Pair(0.0 * point[0], 0.0 * point[0])
@@ -340,14 +352,19 @@ def _boundary_waves(
 
 
 def _edge_angle(ops: Any, row: Point, sample: Point, shared: Point) -> Values:
-    """Return the angle that the edge in ``row`` spans about the line from source to sample."""
+    """Return the angle in rad that an edge spans about the line from a node to a point.
+
+    ``row``: ends of the edge. ``sample``: point. ``shared``: node.
+    """
     return (angle_about(ops, shared, sample, row[:3], row[3:6]),)
 
 
 def _far_wave(width: int, ops: Any, row: Point, point: Point, shared: Point) -> Values:
     """Return the wave of one edge sample, summed over several nodes (SB8).
 
-    ``width``: number of values per node: its direction, wave, and optionally dipole.
+    The results are its real and imaginary part. ``width``: number of values per node: its
+    direction, wave, and optionally dipole. ``shared``: smallest detour of far edges, and centre of
+    the source.
     """
     at, tangent, start, end = (row[k : k + 3] for k in (0, 3, 6, 9))
     part = 1.0 - _near_weight(ops, shared[0], shared[1:4], start, end, point)

@@ -123,16 +123,19 @@ class ElementPattern:
         return self._waves.shape[1] // 2, int(np.abs(self._orders).max(initial=0))
 
     def components(self, theta: Floats, phi: Floats) -> Complex:
-        """Return E_theta and E_phi over theta and phi, shape (2, n, m)."""
+        """Return E_theta and E_phi over theta (n,) and phi (m,) in rad, shape (2, n, m)."""
         along, around = self._theta_matrix(theta), self._phi_waves(phi)
         return np.asarray(along @ self._waves @ around.T)
 
     def grid(self, theta: Floats, phi: Floats) -> Complex:
-        """Return far-field vectors over theta and phi, shape (n, m, 3)."""
+        """Return Cartesian far-field vectors (n, m, 3) over theta (n,) and phi (m,) in rad."""
         return _cartesian(theta[:, None], phi, *self.components(theta, phi))
 
     def vectors(self, directions: Floats) -> Complex:
-        """Return far-field vectors in given directions (unit vectors)."""
+        """Return Cartesian far-field vectors (..., 3) in directions (..., 3) (unit vectors).
+
+        They are zero behind the plane if the table covers the front only.
+        """
         flat = directions.reshape(-1, 3)
         field = np.empty(flat.shape, np.complex128)
         for k in range(0, len(flat), _ROWS):
@@ -169,7 +172,7 @@ class ElementPattern:
         return np.exp(1j * phi[:, None] * self._orders)
 
     def _theta_matrix(self, theta: Floats) -> Floats:
-        """Return the matrix that interpolates a meridian at angles theta."""
+        """Return the matrix (n, samples) that interpolates a meridian at angles theta in rad."""
         count = self._waves.shape[1]
         if self.covers_sphere:  # Dirichlet kernel
             half = (theta[:, None] - (self._start + self._step * np.arange(count))) / 2
@@ -197,7 +200,10 @@ def _cartesian(theta: Floats, phi: Floats, polar: Complex, azimuthal: Complex) -
 
 
 def covers_front(theta: Floats, phi: Floats) -> bool:
-    """Return whether angles theta and phi in rad cover the front hemisphere in even steps."""
+    """Return whether angles theta and phi in rad cover the front hemisphere in even steps.
+
+    Both must ascend; theta starts at 0, and phi covers the full circle without a repeated angle.
+    """
     even = all(np.ptp(np.diff(angles)) < 10 * _EVEN for angles in (theta, phi) if len(angles) > 2)
     around = len(phi) > 1 and abs((phi[1] - phi[0]) * len(phi) - 2 * math.pi) < 1e-4
     spans_front = abs(theta[0]) <= _EVEN and theta[-1] >= math.pi / 2 - _EVEN
@@ -207,8 +213,8 @@ def covers_front(theta: Floats, phi: Floats) -> bool:
 def linear_components(pattern: Any, name: str) -> tuple[Floats, Floats, Complex, Complex, Complex]:
     """Return theta, phi, the field along x and y, and the Jones vector of a pattern.
 
-    Both components have the shape (n, m) over ascending angles. Raises ArgumentError for anything
-    but the pattern of a polarised source.
+    Angles are in rad. Both components follow Ludwig's third definition and have the shape (n, m)
+    over ascending angles. Raises ArgumentError for anything but the pattern of a polarised source.
     """
     try:
         pattern = pattern.sortby(["theta", "phi"]).transpose("theta", "phi")
@@ -226,13 +232,19 @@ def linear_components(pattern: Any, name: str) -> tuple[Floats, Floats, Complex,
 
 
 def polar_components(x: Complex, y: Complex, phi: Floats) -> tuple[Complex, Complex]:
-    """Return E_theta and E_phi from components of Ludwig's third definition."""
+    """Return E_theta and E_phi from components of Ludwig's third definition at azimuths in rad.
+
+    The arrays broadcast: components (n, m) and ``phi`` (m,).
+    """
     sine, cosine = np.sin(phi), np.cos(phi)
     return x * cosine + y * sine, y * cosine - x * sine
 
 
 def element_pattern_of(pattern: Any, name: str = "element") -> ElementPattern:
-    """Return the pattern of a polarised source as an interpolated far field."""
+    """Return the pattern of a polarised source as an interpolated far field.
+
+    Raises ArgumentError for other datasets, and if the angles do not cover the front evenly.
+    """
     theta, phi, x, y, _ = linear_components(pattern, name)
     # The columns phi = 0 and 360 degrees are the same meridian.
     if abs(phi[-1] - phi[0] - 2 * math.pi) < 1e-6:

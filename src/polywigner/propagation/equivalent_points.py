@@ -72,7 +72,8 @@ def equivalent_grid(
     """Return a grid of point sources with the far field of a source.
 
     Nodes are added until the error of the squared far field within ``sines`` is at most ``error``
-    times its peak. Returns None if ``allowed`` rejects the numbers of nodes.
+    times its peak. Returns None if ``allowed`` rejects the numbers of nodes, if the largest number
+    is not enough, or if the source has no far field.
     """
     half = (radiator.high - radiator.low) / (2 * wavelength)
     centres, widths = np.mean(sines, axis=1), np.ptp(sines, axis=1) / 2
@@ -114,7 +115,8 @@ def _spectra(
 ) -> list[Complex]:
     """Return the far fields due to a source's field and to its normal derivative.
 
-    The unit is a square wavelength. Parts that the boundary condition does not contain are omitted.
+    Each array (nx, ny) contains all pairs of sines along x and y. The unit is a square wavelength
+    times the unit of the field. Parts that the boundary condition does not contain are omitted.
     """
     nu = np.stack(np.meshgrid(*sines, indexing="ij"), axis=-1) / wavelength
     phase = np.exp(2j * math.pi * (nu @ centre)) / wavelength**2
@@ -132,7 +134,10 @@ def _spectra(
 
 
 def _slope_spectrum(wave: Wavefront, sines: list[Floats], wavelength: float) -> Complex:
-    """Return the Fourier transform of a curved wave's normal derivative over ik."""
+    """Return the Fourier transform of a curved wave's normal derivative divided by ik.
+
+    The result (nx, ny) is in m^2 times the unit of the field.
+    """
     total = np.zeros([len(s) for s in sines], np.complex128)
     for part, cells in cells_of_wave(wave, wavelength):
         for start in range(0, len(cells), _CELLS):
@@ -150,7 +155,7 @@ def _slope_spectrum(wave: Wavefront, sines: list[Floats], wavelength: float) -> 
 def _fitted(
     spectrum: Complex, sines: list[Floats], nodes: tuple[Floats, Floats], error: float
 ) -> Complex | None:
-    """Fit point sources to a far field; return None if the error is too large."""
+    """Fit weights (nx, ny) of point sources to a far field; return None for too large an error."""
     waves = [np.exp(-2j * math.pi * np.outer(s, x)) for s, x in zip(sines, nodes, strict=True)]
     first, second = (np.linalg.pinv(wave, rcond=_ROUNDING) for wave in waves)
     weights = first @ spectrum @ second.T
@@ -164,8 +169,8 @@ def _fitted(
 def sines_towards(low: Floats, high: Floats, boxes: Floats) -> Sines:
     """Return bounds on the sines of directions from a rectangle in z = 0 to boxes (n, 2, 3).
 
-    ``low`` and ``high`` are corners of the rectangle. The bounds include the diffraction angle of
-    the rectangle.
+    Lengths are in wavelengths. ``low`` and ``high`` are corners of the rectangle, and boxes contain
+    their lowest and highest corners. The bounds include the diffraction angle of the rectangle.
     """
     start = np.column_stack([low, high]).T
     first, last = boxes[:, 0].copy(), boxes[:, 1].copy()
@@ -195,8 +200,8 @@ def sines_towards(low: Floats, high: Floats, boxes: Floats) -> Sines:
 def oblique_change(ops: Any, ahead: Point, field: Point, rate: Pair, cycles: Any = None) -> Pair:
     """Return the obliquity term of (SB5) for a point source.
 
-    ``rate`` is the derivative of the boundary wave with respect to z of the source. ``cycles``: see
-    :func:`spherical_wave`.
+    ``field``: real and imaginary part of its weight. ``rate`` is the derivative of the boundary
+    wave with respect to z of the source. ``cycles``: see :func:`spherical_wave`.
     """
     # i/(2 pi) from the derivative, -1/(2 pi) from the boundary wave.
     wave = spherical_wave(ops, ahead, cycles) * Pair(*field) * rate
@@ -206,7 +211,7 @@ def oblique_change(ops: Any, ahead: Point, field: Point, rate: Pair, cycles: Any
 def spherical_wave(ops: Any, ahead: Point, cycles: Any = None) -> Pair:
     """Return the spherical wave ``exp(2 pi i R)/(i R)``, where R is the length of ``ahead``.
 
-    ``cycles`` replaces R in the phase if it is known more accurately.
+    Lengths are in wavelengths. ``cycles`` replaces R in the phase if it is known more accurately.
     """
     distance = ops.sqrt(sum(a * a for a in ahead))
     c, s = cos_sin_cycles(ops, distance if cycles is None else cycles)
@@ -214,10 +219,10 @@ def spherical_wave(ops: Any, ahead: Point, cycles: Any = None) -> Pair:
 
 
 def wave_ahead(ops: Any, ahead: Point, field: Point, slope: Point, cycles: Any = None) -> Pair:
-    """Return the wave of a point source at the displacement ``ahead``.
+    """Return the wave of a point source at the displacement ``ahead`` in wavelengths.
 
-    ``field`` and ``slope`` are the weights of the field and of the normal derivative. ``cycles``:
-    see :func:`spherical_wave`.
+    ``field`` and ``slope`` are real and imaginary part of the weights of the field and of the
+    normal derivative. ``cycles``: see :func:`spherical_wave`.
     """
     inverse = 1.0 / ops.sqrt(sum(a * a for a in ahead))
     near = Pair(1.0, (0.5 / math.pi) * inverse).scaled(ahead[2] * inverse)
@@ -244,7 +249,7 @@ class RadiatingPoint(NamedTuple):
         return np.array([*self.position, *self.weights[0], *self.weights[1]])
 
     def wave(self, points: Floats) -> Complex:
-        """Return the field of the point source at points (3, n)."""
+        """Return the field (n,) of the point source at points (3, n) in wavelengths."""
         ahead = points - self.position[:, None]
         wave = wave_ahead(NumpyOperations(), tuple(ahead), *self.weights)
         return np.asarray(wave.real + 1j * wave.imag)
@@ -262,7 +267,7 @@ def radiating_points(
 
     The error of the squared far field is at most ``error`` times its peak, in the directions of
     ``targets`` (boxes of shape (n, 2, 3) in wavelengths), by default in all directions. Raises
-    ArgumentError if more than ``most`` points are needed.
+    ArgumentError if more than ``most`` points are needed, or no number of points is sufficient.
     """
     if isinstance(source, PointSource):
         # exp(ikR)/R = (i/wavelength) exp(ikR)/(i R/wavelength).

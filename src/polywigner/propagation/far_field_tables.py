@@ -142,7 +142,11 @@ class Column(NamedTuple):
     unit: Unit
 
     def intensity(self, values: Floats) -> Floats:
-        """Convert magnitudes to radiant intensities in W/sr, for 1 W of radiated power."""
+        """Convert magnitudes in the unit of the column to radiant intensities in W/sr.
+
+        Directivities and gains are converted for 1 W of radiated power. Raises FileFormatError for
+        negative values, unless the unit is in dB.
+        """
         is_field = self.unit.kind == "field"
         if self.unit.is_db:
             values = np.where(values <= FLOOR, 0.0, 10 ** (values / (20 if is_field else 10)))
@@ -160,7 +164,7 @@ class Column(NamedTuple):
 def _column(title: str, unit: str | None, name: str | None = None) -> Column | None:
     """Return the column for a title and a unit, or None for an unknown title.
 
-    ``name``: the title in the notation of HFSS.
+    ``name``: the title in the notation of HFSS. Raises FileFormatError for unsupported units.
     """
     name = re.sub(r"[\s\"]", "", title if name is None else name).lower()
     label = repr(title)[1:-1][:40]
@@ -189,7 +193,11 @@ def _column(title: str, unit: str | None, name: str | None = None) -> Column | N
 def _checked_unit(
     label: str, text: str | None, kinds: Sequence[Kind], default: Unit | None, db: bool = False
 ) -> Unit:
-    """Return the unit of a column; ``db`` allows decibels, and a default in dB requires them."""
+    """Return the unit of a column; ``db`` allows decibels, and a default in dB requires them.
+
+    Without a text, ``default`` is returned. Raises FileFormatError for other units, and if there is
+    neither a text nor a default.
+    """
     if text is None or not text.strip():
         if default is None:
             raise FileFormatError(
@@ -250,17 +258,18 @@ Cells = Sequence[tuple[Column, Floats]]
 
 
 def numbers_of(lines: Sequence[str], first: int, columns: int) -> Floats:
-    """Return the numbers in lines of text as rows of an array.
+    """Return the numbers in lines of text as an array (n, columns).
 
-    ``first``: number of the first line, for error messages.
+    ``first``: number of the first line, for error messages. Raises FileFormatError for another
+    number of columns, for other text and without any numbers.
     """
     return _number_table([line.split() for line in lines], first, columns)
 
 
 def _number_table(rows: Sequence[Sequence[str]], first: int, columns: int) -> Floats:
-    """Return cells of text as an array of numbers; omit rows without text.
+    """Return cells of text as an array of numbers (n, columns); omit rows without text.
 
-    ``first``: line of the first row, and ``columns``: number of cells per row, for error messages.
+    ``first``: line of the first row, for error messages. Raises FileFormatError as `numbers_of`.
     """
     values: list[list[float]] = []
     for number, cells in enumerate(rows, start=first):
@@ -309,7 +318,10 @@ def _tables_of(
 
 
 def _field_of(name: str, cells: Cells) -> tuple[Complex, list[Column]]:
-    """Return E_theta or E_phi in V, and the columns that determine it."""
+    """Return E_theta or E_phi times the distance in V, and the columns that determine it.
+
+    ``name``: "theta" or "phi". Raises FileFormatError if magnitude or phase is missing.
+    """
     parts = {(c.quantity, c.part): (c, v) for c, v in cells if c.component == name}
     if ("field", "real") in parts and ("field", "imaginary") in parts:
         (x, real), (y, imaginary) = parts["field", "real"], parts["field", "imaginary"]
@@ -358,7 +370,7 @@ _HFSS_NAME = re.compile(r"(?P<title>[^\[]*?)\s*(?:\[(?P<unit>[^\]]*)\])?\s*(?:-\
 
 
 def _hfss_report(lines: list[str]) -> Iterator[FarFieldTable]:
-    """Read a report of HFSS in CSV format."""
+    """Yield the far fields in a report of HFSS in CSV format, one for each frequency."""
     matches = [_HFSS_NAME.fullmatch(cell.strip()) for cell in next(csv.reader(lines[:1]))]
     columns = [match and _column(match["title"], match["unit"]) for match in matches]
     _check_columns(columns)
@@ -369,7 +381,7 @@ def _hfss_report(lines: list[str]) -> Iterator[FarFieldTable]:
 
 
 def _cst_table(lines: list[str]) -> Iterator[FarFieldTable]:
-    """Read a far-field table of CST."""
+    """Yield the far field in a table of CST, one for each frequency."""
     columns = _cst_columns(lines[0])
     _check_columns(columns)
     first = 2 if len(lines) > 1 and set(lines[1].strip()) <= {"-"} else 1
@@ -377,7 +389,7 @@ def _cst_table(lines: list[str]) -> Iterator[FarFieldTable]:
 
 
 def _feko_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
-    """Read a far-field file of FEKO."""
+    """Yield the far fields in a file of FEKO."""
     columns: list[Column | None] = []
     settings = {"#coordinate system": "spherical", "#result type": ""}
     numbered = ((n, s) for n, s in enumerate(lines, 1) if s.strip() and not s.startswith("**"))
@@ -414,7 +426,7 @@ def _feko_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
 
 
 def _hfss_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
-    """Read a far-field file of HFSS."""
+    """Yield the far fields in a far-field file of HFSS, one for each frequency."""
     axes = []
     for number in (1, 2):
         start, stop, count = numbers_of(lines[number - 1 : number], number, 3)[0]
@@ -438,7 +450,7 @@ def _hfss_far_field(lines: list[str]) -> Iterator[FarFieldTable]:
 
 
 def _components(table: Floats) -> Complex:
-    """Return two complex fields (2, n) from columns with their real and imaginary parts."""
+    """Return complex fields (2, n) from columns (n, 4): real and imaginary part of each field."""
     return (table[:, ::2] + 1j * table[:, 1::2]).T
 
 
@@ -452,7 +464,7 @@ def _checked_count(count: float, line: int) -> int:
 
 
 def _grasp_cuts(lines: list[str]) -> Iterator[FarFieldTable]:
-    """Read spherical cuts of GRASP, joined for each frequency."""
+    """Yield the far field at each frequency from spherical cuts of GRASP, scaled to 1 W."""
     cuts: dict[float, list[tuple[Floats, Floats, Complex]]] = {}
     k = 0
     while k < len(lines):
@@ -490,9 +502,10 @@ def _grasp_cuts(lines: list[str]) -> Iterator[FarFieldTable]:
 
 
 def _from_grasp(kind: int, pair: Complex, phi: Floats) -> Complex:
-    """Convert components of a GRASP file to E_theta and E_phi.
+    """Convert components (2, n) of a GRASP file to E_theta and E_phi.
 
     ``kind``: ICOMP, 1 for theta and phi, 2 for right- and left-handed, 3 for co- and cross-polar.
+    ``phi`` (n,) is in rad.
     """
     if kind == 1:
         return pair

@@ -158,7 +158,10 @@ def check_slopes(source: PlaneSource | Wavefront, name: str) -> None:
 def powers_of(
     source: PlaneSource | Wavefront, wavelength: float, obliquity: str
 ) -> tuple[float, float]:
-    """Return the radiated power of a source, and the integral of |u|^2 over the source, in W."""
+    """Return the radiated power of a source, and the integral of |u|^2 over the source, in W.
+
+    Raises IlluminationError if the source radiates nothing.
+    """
     power = power_by_lags(source, wavelength, obliquity)
     if power is None:
         blocks = directions_and_weights(largest_lag(source), wavelength)
@@ -220,13 +223,13 @@ class FarField:
     """Keyword arguments ``precision`` and ``engine`` of ``at``."""
 
     def grid(self, theta: Values, phi: Values) -> Values:
-        """Return the field (n, m), or its vectors (n, m, 3), over theta and phi."""
+        """Return the field (n, m), or its vectors (n, m, 3), over theta and phi in rad."""
         if self.on_grid is not None:
             return self.on_grid(theta, phi)
         return self.at(unit_vectors(theta, phi), **self.how)
 
     def intensity(self, directions: Values) -> Values:
-        """Return the radiant intensity |E|^2 in W/sr in given directions (unit vectors)."""
+        """Return the radiant intensity |E|^2 in W/sr in directions (..., 3) (unit vectors)."""
         squares = np.square(np.abs(self.at(directions)))
         return np.asarray(squares.sum(axis=-1) if self.is_vector else squares)
 
@@ -263,7 +266,10 @@ class FarField:
         return float(values.max()), float(theta[first]), float(phi[first])
 
     def _windows(self, step: Values) -> list[tuple[Values, NDArray[np.intp]]]:
-        """Return regions of direction cosines to search for the beam: centres and step counts."""
+        """Return regions of direction cosines to search for the beam: centres and step counts.
+
+        The counts (2,) are numbers of steps on each side of a centre (2,).
+        """
         source, wavelength = self.source, self.wavelength
         flat = flat_source(source)
         sides = [sides_of(e.bounds) for e in flat.elements_in_plane]
@@ -277,7 +283,10 @@ class FarField:
         return [(centre, counts) for centre in centres if np.linalg.norm(centre) <= 1.0]
 
     def _on_disc(self, cosines: Values) -> tuple[Values, Values]:
-        """Move direction cosines (..., 2) into the unit disc; return them with intensities."""
+        """Move direction cosines (..., 2) into the unit disc; return them with intensities.
+
+        Cosines outside the disc are scaled onto its rim. Intensities (...) are in W/sr.
+        """
         cosines = cosines / np.maximum(1, np.linalg.norm(cosines, axis=-1, keepdims=True))
         third = np.sqrt(np.maximum(0, 1 - np.square(cosines).sum(axis=-1, keepdims=True)))
         directions = np.concatenate([cosines, third], axis=-1).reshape(-1, 3)
@@ -300,7 +309,8 @@ def _near_peak(
 ) -> tuple[Floats, Floats]:
     """Return samples that may lie next to the largest peak, in descending order of values.
 
-    The product of ``step`` and ``width`` (source width) is at most 1/2.
+    Points have the shape (n, 2), values (n,). The product of ``step`` and ``width`` (source width
+    in wavelengths) is at most 1/2.
     """
     fraction = float(np.cos(math.pi * width * step / 2).prod()) ** 2
     best = np.argsort(-values, kind="stable")[:_MOST_REFINED]
@@ -383,7 +393,10 @@ def checked_far_field(source: Any, wavelength: Any, options: FarFieldOptions) ->
 def _array_field(
     source: Any, wavelength: float, pattern: Any, polarisation: Any, how: dict[str, Any]
 ) -> FarField:
-    """Return the far field of an array whose elements have a given pattern."""
+    """Return the far field of an array whose elements have a given pattern (a dataset).
+
+    Raises ArgumentError unless the source is a phased array.
+    """
     if not isinstance(source, Array) or source.repeated is None:
         raise ArgumentError(
             f"element= requires a phased_array, got {type(source).__name__}; create one with "
@@ -455,9 +468,10 @@ def steered_direction(
 def _phase_slope(
     positions: Values, weights: Values, wavelength: float, near: Values
 ) -> Values | None:
-    """Return the direction cosines to which the weights of an array are steered, or None.
+    """Return the direction cosines (2,) to which the weights of an array are steered, or None.
 
-    The phases must be linear apart from signs. ``near`` selects one of several grating lobes.
+    The phases must be linear apart from signs. ``near`` (2,): direction cosines that select one of
+    several grating lobes.
     """
     if len(weights) < 2:
         return None

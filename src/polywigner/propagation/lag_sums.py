@@ -104,10 +104,11 @@ def _lag_cells(source: Wavefront) -> Cells:
 def summed_over_lags(
     source: Wavefront, points: Floats, wavelength: float, system: FirstOrder, error: float
 ) -> Floats | None:
-    """Return the irradiance at points (n, 2) behind a first-order system by (PC10).
+    """Return the irradiance (n,) at points (n, 2) in m behind a first-order system by (PC10).
 
-    ``error`` is relative to the largest irradiance. The result is None if B is singular (an
-    image along at least one direction), or if the quadrature rule has too many nodes.
+    ``error`` is relative to the largest irradiance. The result is None if B is singular (an image
+    along at least one direction), if the quadrature rule has too many nodes, or if successive rules
+    do not converge.
     """
     determinant = abs(float(np.linalg.det(system.B)))
     if not determinant > 0.0:
@@ -164,7 +165,10 @@ def channels_of(source: Wavefront, condition: Obliquity) -> list[Channel]:
 
 
 def channel_at(element: SourceElement, channel: Channel, x: Floats) -> Complex | float:
-    """Return the field or a plane wave of an element at positions x, without its weight."""
+    """Return the field or a plane wave of an element at positions x, without its weight.
+
+    ``x`` (..., 2) is in m; the result has the shape (...), or is 1 for a uniform field.
+    """
     if channel is None:
         return 1.0 if element.illumination is None else element.illumination(x)
     amplitude = element.amplitudes[(element.frequencies == channel).all(axis=1)].sum()
@@ -266,7 +270,11 @@ def _degrees(channels: Sequence[Channel], lags: Floats, width: float, wavelength
 def _point_pairs(
     first: SourceElement, second: SourceElement, lags: Floats, rates: Floats, extra: int
 ) -> tuple[Floats, Floats, Indices]:
-    """Return midpoints (n, 2), weights and lag indices (n,) of pairs of points on two elements."""
+    """Return midpoints x (n, 2), weights and lag indices (n,) of pairs of points on two elements.
+
+    A pair has its points at x + lag/2 on ``first`` and x - lag/2 on ``second``. ``rates`` (m, 2):
+    highest frequencies for the lags (m, 2). ``extra``: additional nodes per side.
+    """
     ahead, behind = (np.full(len(lags), e.shape.polygons, object) for e in (first, second))
     common = shapely.intersection(shifted(ahead, -lags / 2), shifted(behind, lags / 2))
     parts, lag_of_part = shapely.get_parts(common, return_index=True)
@@ -283,11 +291,19 @@ def _point_pairs(
 def _sum_of_waves(
     points: Floats, means: Floats, lags: Floats, mutual: Complex, condition: Obliquity, k: float
 ) -> Floats:
-    """Return the irradiance at points (n, 3) for pairs with mutual intensities (c, c, m)."""
+    """Return the irradiance at points (n, 3) for pairs with mutual intensities (c, c, m).
+
+    The factor 1/wavelength^2 is omitted. ``means`` and ``lags`` (m, 2): midpoints and differences
+    of the pairs. ``k``: wavenumber in rad/m.
+    """
     total = np.zeros(len(points))
 
     def factors(z: Floats, distance: Floats, k: float) -> list[Complex | float]:
-        """Return the factors of the field and of its normal derivative at one end of a pair."""
+        """Return the factors of the field and of its normal derivative at one end of a pair.
+
+        ``k`` is negative at the conjugated end. Factors that the condition does not contain are
+        omitted.
+        """
         slope = np.asarray(condition.field * (z / distance) * (1 + 1j / (k * distance)), complex)
         values: list[Complex | float] = [slope] if condition.field else []
         return values + ([condition.slope] if condition.slope else [])

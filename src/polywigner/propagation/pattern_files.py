@@ -149,14 +149,21 @@ def read_pattern(path: str | os.PathLike[str], frequency: float | None = None) -
 
 
 def read_nearest_pattern(path: str | os.PathLike[str], frequency: float) -> xarray.Dataset:
-    """Read the pattern of a file at the frequency closest to ``frequency``."""
+    """Read the pattern of a file at the frequency closest to ``frequency`` in Hz, however distant.
+
+    A file without a frequency is read as a pattern at ``frequency``.
+    """
     return _read(path, frequency, math.inf)
 
 
 def _read(
     path: str | os.PathLike[str], frequency: float | None, tolerance: float
 ) -> xarray.Dataset:
-    """Read a pattern at ``frequency``, within a relative ``tolerance`` of the file's frequency."""
+    """Read a pattern at ``frequency`` in Hz, within a relative ``tolerance``.
+
+    ``frequency``: None for the only frequency of the file. Raises FileFormatError for invalid
+    files.
+    """
     file = checked_path(path)
     suffix = file.suffix.lower()
     try:
@@ -182,7 +189,11 @@ def _check_suffix(suffix: str, known: Iterable[str]) -> None:
 def _at_frequency(
     tables: list[FarFieldTable], frequency: float | None, tolerance: float
 ) -> FarFieldTable:
-    """Return the far field at a frequency in Hz; raise FileFormatError if there is none."""
+    """Return the far field nearest to a frequency in Hz, or the only one for None.
+
+    A table without a frequency gets this frequency. Raises FileFormatError if the relative
+    difference exceeds ``tolerance``.
+    """
     if not tables:
         raise FileFormatError("the file contains no far field")
     known = np.array([table.frequency for table in tables])
@@ -207,7 +218,10 @@ def _at_frequency(
 
 
 def _pattern_of(table: FarFieldTable) -> xarray.Dataset:
-    """Return a far field from a file as the pattern of a polarised source."""
+    """Return a far field from a file as the pattern of a polarised source, with exp(-i omega t).
+
+    Raises FileFormatError for repeated, missing or contradictory directions.
+    """
     if len(np.unique(np.stack([table.theta, table.phi]).round(6), axis=1).T) < len(table.theta):
         raise FileFormatError(
             "some directions occur several times in the file; keep one row for each direction"
@@ -237,7 +251,10 @@ def _pattern_of(table: FarFieldTable) -> xarray.Dataset:
 def _attributes(
     theta: Floats, phi: Floats, levels: Floats, frequency: float, power: float
 ) -> dict[str, float]:
-    """Return the attributes of a pattern with levels (n, m) in dBi, including its beam."""
+    """Return the attributes of a pattern with levels (n, m) in dBi, including its beam.
+
+    Angles are in rad, the frequency is in Hz and the radiated power in W.
+    """
     row, column = np.unravel_index(levels.argmax(), levels.shape)
     return {
         "wavelength": SPEED_OF_LIGHT / frequency,
@@ -251,7 +268,11 @@ def _attributes(
 
 
 def _folded(theta: Floats, phi: Floats, fields: Complex) -> tuple[Floats, Floats, Complex]:
-    """Convert directions in degrees to theta from 0 to 180 and phi from 0 to below 360."""
+    """Convert directions in degrees to theta from 0 to 180 and phi from 0 to below 360.
+
+    The components (2, n) along theta and phi change sign if theta is folded. Poles then occur
+    twice, at phi and phi + 180.
+    """
     # The unit vectors along theta and phi change sign between (-theta, phi) and (theta, phi + 180).
     theta = theta.round(6) % 360
     beyond = theta > 180
@@ -265,7 +286,11 @@ def _folded(theta: Floats, phi: Floats, fields: Complex) -> tuple[Floats, Floats
 
 
 def _gridded(theta: Floats, phi: Floats, fields: Complex) -> tuple[Floats, Floats, Complex]:
-    """Return theta (n,) and phi (m,) in rad, and field components (2, n, m) on their grid."""
+    """Return theta (n,) and phi (m,) in rad, and field components (2, n, m) on their grid.
+
+    Arguments: angles (k,) in degrees and fields (2, k). Raises FileFormatError if a direction of
+    the grid is missing, or has two different fields.
+    """
     polar, row = np.unique(theta, return_inverse=True)
     azimuth, column = np.unique(phi, return_inverse=True)
     shape = len(polar), len(azimuth)
@@ -359,7 +384,10 @@ def _msi_pattern(lines: list[str]) -> xarray.Dataset:
 
 
 def _msi_cut(name: str, words: list[list[str]], lines: list[str]) -> tuple[Floats, Floats]:
-    """Return angles in degrees and attenuations in dB of the "HORIZONTAL" or "VERTICAL" cut."""
+    """Return angles in degrees and attenuations in dB of the "HORIZONTAL" or "VERTICAL" cut.
+
+    The angles ascend from 0 to below 360. Raises FileFormatError for other content.
+    """
     at = [k for k, word in enumerate(words) if word[:1] and word[0].upper() == name]
     if len(at) != 1 or not words[at[0]][1:2] or not words[at[0]][1].isdecimal():
         raise FileFormatError(f"expected exactly one line with {name} and the number of angles")
@@ -585,7 +613,10 @@ def _msi_lines(pattern: _Pattern) -> Lines:
 
 
 def _full_cut(pattern: _Pattern, phi: float) -> tuple[Floats, Floats]:
-    """Return theta in degrees, and levels in dBi, of the full meridian at ``phi`` in degrees."""
+    """Return theta in degrees, and levels in dBi, of the full meridian at ``phi`` in degrees.
+
+    Raises ArgumentError unless theta extends from -90 to 90 degrees.
+    """
     meridians = cuts_of(np.radians(pattern.theta), np.radians(pattern.phi), pattern.directivity)
     for angle, theta, levels in meridians:
         offset = (math.degrees(angle) - phi) % 360.0

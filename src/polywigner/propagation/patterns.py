@@ -272,7 +272,10 @@ def _dataset(
 
 
 def jones_of(components: tuple[Values, Values]) -> Values:
-    """Return the Jones vector of field components along x and y, with a real larger component."""
+    """Return the unit Jones vector (2,) of two complex numbers, the field along x and along y.
+
+    Its phase makes the larger component real.
+    """
     larger = components[int(abs(components[1]) > abs(components[0]))]
     return checked_polarisation(np.stack(components) / larger)
 
@@ -302,13 +305,16 @@ def vector_dataset(
 
 
 def decibels(intensity: Values, power: float) -> Values:
-    """Convert radiant intensities in W/sr to directivities in dBi."""
+    """Convert intensities in W/sr to directivities in dBi, minus infinity for zero.
+
+    ``power``: radiated power in W.
+    """
     with np.errstate(divide="ignore"):
         return np.asarray(10 * np.log10(4 * math.pi / power * intensity))
 
 
 def _discrimination(co: Values, cross: Values) -> Values:
-    """Return the ratio of co- to cross-polar field in dB."""
+    """Return the ratio of co- to cross-polar field in dB; infinite without cross-polar field."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(20 * np.log10(np.abs(co) / np.abs(cross)))
 
@@ -368,7 +374,10 @@ class Cut(NamedTuple):
 
 
 def checked_pattern(pattern: Any) -> tuple[Floats, Floats, Floats, dict[str, float]]:
-    """Return theta (n,), phi (m,), directivity (n, m) in dBi, and numerical attributes."""
+    """Return theta (n,) and phi (m,) in rad, directivity (n, m) in dBi, and numerical attributes.
+
+    Raises ArgumentError for other datasets, and if a level is NaN.
+    """
     theta, phi, levels, about = _checked_levels(pattern, ("theta", "phi"))
     if np.isnan(levels).any():
         raise ArgumentError(
@@ -402,13 +411,20 @@ def _cross_levels(
 
 
 def front_of(theta: Floats, levels: Floats) -> tuple[Floats, Floats]:
-    """Return theta and directivity in front of the plane."""
+    """Return theta in rad and directivity in front of the plane, including the horizon.
+
+    ``levels`` has theta along its first axis.
+    """
     front = np.abs(theta) <= math.pi / 2 + _SAME_ANGLE
     return theta[front], levels[front]
 
 
 def cuts_of(theta: Floats, phi: Floats, levels: Floats) -> Iterator[tuple[float, Floats, Floats]]:
-    """Yield phi, theta and levels of each meridian, with columns at phi and phi + pi joined."""
+    """Yield phi, theta and levels of each meridian, in ascending theta, from levels (n, m).
+
+    If theta is never negative, columns at phi and phi + pi are joined, the latter as negative
+    theta.
+    """
     order = np.argsort(theta)
     has_both_signs = theta.min() < -_SAME_ANGLE
     remaining = np.full(len(phi), True)
@@ -428,12 +444,15 @@ def cuts_of(theta: Floats, phi: Floats, levels: Floats) -> Iterator[tuple[float,
 
 
 def angle_between(a: float, b: float) -> float:
-    """Return the angle between meridians, from 0 to pi/2 rad."""
+    """Return the angle between meridians at the azimuths a and b in rad, from 0 to pi/2 rad."""
     return abs(math.remainder(a - b, math.pi))
 
 
 def cuts_in(pattern: Any) -> list[Cut]:
-    """Return the meridians of a pattern, or the great circles of :func:`beam_cuts`."""
+    """Return the meridians of a pattern, or the great circles of :func:`beam_cuts`.
+
+    Meridians end at the horizon. Raises ArgumentError for datasets that are not a pattern.
+    """
     if "cut" not in getattr(pattern, "dims", ()):
         theta, phi, levels, about = checked_pattern(pattern)
         crossed = _cross_levels(pattern, ("theta", "phi"), about, levels)

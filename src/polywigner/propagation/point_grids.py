@@ -112,9 +112,9 @@ def tolerance_from(
     least: float = _LEAST,
     where: str = "",
 ) -> float:
-    """Return a tolerance from ``least`` to 0.1, or the default.
+    """Return a tolerance from ``least`` to 0.1, or ``default`` for None.
 
-    ``where`` is appended to the range in the error message.
+    Raises ArgumentError for other values. ``where`` is appended to the range in the error message.
     """
     if tolerance is None:
         return default
@@ -128,7 +128,10 @@ def checked_method(method: Any, allowed: Collection[str] = METHODS) -> str:
 
 
 def warn_of_missed(errors: Floats, allowed: Floats, what: str) -> None:
-    """Warn if estimated errors exceed the allowed errors; ``what`` is a plural noun."""
+    """Warn if estimated errors (n,) are NaN or exceed the allowed errors.
+
+    ``what``: plural noun for the values in the message, such as "points".
+    """
     missed = ~(errors <= allowed)
     if missed.any():
         worst = float((errors[missed] / allowed[missed]).max())
@@ -153,13 +156,16 @@ class Grid:
         return tuple(axis.size for axis in self.coords.values())
 
     def points(self, first: Index, shape: Index) -> Floats:
-        """Return a block of points in m, from the index ``first``."""
+        """Return a block of points in m, shape (*shape, 3), from the index ``first``."""
         axes = zip(self.coords.values(), first, shape, strict=True)
         return self.points_at(*(axis.values[start : start + count] for axis, start, count in axes))
 
 
 def _affine(origin: Floats, directions: Floats, *along: Floats) -> Floats:
-    """Return points (n, m, ..., 3) from an origin and distances along directions (k, 3)."""
+    """Return points (n, m, ..., 3) for all combinations of distances along directions (k, 3).
+
+    ``along``: k arrays (n,), (m,), ... of distances from the origin.
+    """
     steps = (a[..., None] * e for a, e in zip(np.ix_(*along), directions, strict=True))
     return np.asarray(sum(steps, origin))
 
@@ -170,7 +176,10 @@ def _spherical(centre: Floats, radius: float, theta: Floats, phi: Floats) -> Flo
 
 
 def box_grid(box: Any, shape: Any) -> Grid:
-    """Return a grid in a box, faces included."""
+    """Return a grid over x, y and z in a box, faces included.
+
+    ``box`` (2, 3): lowest and highest corner in m, with z > 0. ``shape``: three numbers of points.
+    """
     low, high = _corners("box", box, "lowest and the highest")
     if (high < low).any():
         raise ArgumentError(
@@ -183,7 +192,11 @@ def box_grid(box: Any, shape: Any) -> Grid:
 
 
 def plane_grid(where: Any, shape: Any) -> Grid:
-    """Return a grid on a rectangle, specified by a flat box or by three corners."""
+    """Return a grid on a rectangle, specified by a flat box or by three corners, in m.
+
+    The axes are two of x, y and z for a box, otherwise the distances u and v from the first corner.
+    ``shape``: numbers of points along both axes.
+    """
     expected = "expected a plane as a box (2, 3) of zero thickness, or as three corners (3, 3)"
     corners = finite_array(where, f"{expected}, in metres", (2, 3), (3, 3))
     counts = _counts(shape, 2)
@@ -211,7 +224,10 @@ def plane_grid(where: Any, shape: Any) -> Grid:
 
 
 def line_grid(ends: Any, samples: Any) -> Grid:
-    """Return a grid along a line, as distances from its first end."""
+    """Return a grid of points along a line, over the distance in m from its first end.
+
+    ``ends`` (2, 3) are in m. ``samples``: number of points, both ends included.
+    """
     start, end = _corners("line", ends, "first and the last")
     length = float(np.linalg.norm(end - start))
     if length == 0:
@@ -223,7 +239,10 @@ def line_grid(ends: Any, samples: Any) -> Grid:
 
 
 def hemisphere_grid(radius: Any, theta: Any, phi: Any, centre: Any) -> Grid:
-    """Return a grid on a hemisphere, with the axes theta and phi."""
+    """Return a grid on a hemisphere, over theta (n,) and phi (m,) in rad.
+
+    ``radius`` and ``centre`` (3,) are in m. Raises ArgumentError if a point does not have z > 0.
+    """
     length = checked_length(radius, "radius")
     origin = finite_array(centre, "expected a centre of shape (3,), in metres", (3,))
     points_at = partial(_spherical, origin, length)

@@ -48,7 +48,7 @@ _CHECKED = 32
 def aberrated_spectrum(
     pupil: AberratedPupil, nu: Floats, tolerance: float, centre: Any = (0.0, 0.0)
 ) -> Converged:
-    """Return the Fourier transform of an aberrated pupil field at frequencies nu (n, 2).
+    """Return the Fourier transform of an aberrated pupil field at frequencies nu (n, 2) in 1/m.
 
     The integral is ``int u exp(2 pi i W/wavelength - 2 pi i nu.(x - centre)) dx`` for the path
     length W. ``tolerance`` is relative to the integral of |u|.
@@ -101,7 +101,10 @@ def element_sums(
 
 
 def _lattice_sum(lattice: FrequencyLattice, nodes: Floats, field: Complex) -> Complex:
-    """Return the Fourier sum of weighted fields (k, m) on k rows of nodes with constant x."""
+    """Return the Fourier sum (n,) of weighted fields (k, m) on k rows of nodes with constant x.
+
+    ``nodes`` (k, m, 2) are in m. Raises ArgumentError for too many products.
+    """
     # On a grid, all frequencies along x use the same sums over y.
     waves = field.size * (lattice.work if lattice.index is None else len(lattice.axes[1]))
     if waves > _MOST:
@@ -157,7 +160,7 @@ class _Derivatives:
         return by_weight, np.zeros_like(by_weight)
 
     def coefficients(self) -> Complex:
-        """Return the derivatives with respect to the coefficients of the aberration."""
+        """Return the derivatives (n, modes) with respect to the coefficients of the aberration."""
         path = self.pupil.aberration
         assert path is not None
         sums = self._sums(path.modes)
@@ -168,7 +171,7 @@ class _Derivatives:
 def aberrated_fresnel_field(
     source: Any, aberration: Aberration, points: Floats, wavelength: float, tolerance: float
 ) -> tuple[Complex, Floats]:
-    """Return the Fresnel field of an aberrated pupil at points, and its error.
+    """Return the Fresnel field of an aberrated pupil at points (n, 3), and its error, both (n,).
 
     The field at (X, z) is ``exp(ikz)/(i L z) int u(x) exp(2 pi i W/L + i pi |X - x|^2/(L z)) dx``,
     with the wavelength L and the path length W.

@@ -40,7 +40,10 @@ _PAIRS = 1 << 15
 
 
 def spherical_field(source: Position | Floats, points: Floats, wavelength: float) -> Complex:
-    """Return the spherical wave ``exp(ikR)/R`` of a point source."""
+    """Return the spherical wave ``exp(ikR)/R`` (n,) of a point source (3,) at points (n, 3).
+
+    Lengths and wavelength have the same unit.
+    """
     distance = np.linalg.norm(points - source, axis=1)
     return np.asarray(waves_of_cycles(distance / wavelength) / distance)
 
@@ -48,9 +51,10 @@ def spherical_field(source: Position | Floats, points: Floats, wavelength: float
 def waves_through(
     opening: Aperture, source: Position, points: Floats, wavelength: float, mirrored: float
 ) -> tuple[Complex, Floats]:
-    """Return the field of a point source behind an opening, and its error (B9).
+    """Return the field (n,) of a point source behind an opening, and its error (B9).
 
-    ``mirrored``: factor of the edge waves of the source's mirror image.
+    The source has the field exp(ikR)/R. Lengths are in m, and the field is in 1/m. ``mirrored``:
+    factor of the edge waves of the source's mirror image.
     """
     begin = np.concatenate(opening.rings) / wavelength
     end = np.concatenate([np.roll(ring, -1, axis=0) for ring in opening.rings]) / wavelength
@@ -238,7 +242,10 @@ def field_of_screen(
     tolerance: float,
     engine: str,
 ) -> tuple[Complex, NDArray[np.float64]]:
-    """Return the field behind a screen at points with z > 0, and its error."""
+    """Return the field behind a screen at points (n, 3) with z > 0, and its error, both (n,).
+
+    Raises ArgumentError unless ``method`` is a boundary condition.
+    """
     if method not in CONDITIONS:
         raise ArgumentError(
             f"the field behind a screen requires one of the methods {', '.join(CONDITIONS)}, got "

@@ -140,9 +140,10 @@ def diffracted(
     tolerance: float = DEFAULT_TOLERANCE,
     is_sheet: bool = False,
 ) -> tuple[Complex, Complex, Floats]:
-    """Return the change by bodies, the free field and the error at positions in wavelengths.
+    """Return the change by bodies, the free field and the error (n,) at positions (n, 3).
 
-    With ``is_sheet``, the edges belong to a conducting sheet.
+    All lengths are in wavelengths. ``seen``: silhouette for each source point. With ``is_sheet``,
+    the edges belong to a conducting sheet. The error is zero unless ``with_error`` is true.
     """
     rule, coarser = next(rules for least, *rules in _RULES if tolerance >= least)
     edges = _Edges.of(bodies, sources, seen, positions)
@@ -169,9 +170,11 @@ def diffracted(
 def _near_corners(
     views: Sequence[tuple[Floats, Floats]], positions: Floats
 ) -> tuple[NDArray[np.bool_], Floats]:
-    """Return a mask of points in line with the source and a corner, and steps off the line.
+    """Return a mask (n,) of points in line with a source and a corner, and steps off the line.
 
-    On the line, the derivatives (SB5) of both edge waves diverge, and their sum loses digits.
+    There is one step (3,) for each masked point. ``views``: positions (3,) of sources and the edges
+    (m, 2, 3) visible from them. On the line, the derivatives (SB5) of both edge waves diverge, and
+    their sum loses digits.
     """
     near = np.zeros(len(positions), bool)
     for origin, edges in views:
@@ -336,9 +339,9 @@ def _edge(
 ) -> Values:
     """Return the change of the field by one edge for one source point, and its error (SB3), (SB5).
 
-    ``row``: a row of ``_Edges.groups``. ``sample``: point, displaced point, and 1 if edge angles
-    determine visibility. For blocked edges, ``sample`` also contains the thickness of surfaces and
-    the complex transmission.
+    The three results are real part, imaginary part and error. ``row``: a row of ``_Edges.groups``.
+    ``sample``: point, displaced point, and 1 if edge angles determine visibility. For blocked
+    edges, ``sample`` also contains the thickness of surfaces and the complex transmission.
     """
     source, field, slope, start, end = row[:3], row[3:5], row[5:7], row[7:10], row[10:13]
     point, aside, by_angles = sample[:3], sample[3:6], sample[6]
@@ -424,7 +427,10 @@ class Blocker:
         return hidden
 
     def transmission(self, ops: Any, point: Point, hidden: Any) -> Pair:
-        """Return the wave from the origin at a point, relative to the free wave."""
+        """Return the wave from the origin at a point, relative to the free wave.
+
+        The result is 1 unless ``hidden`` is true, and if the surface has no rim.
+        """
         detour, amplitude = 1e30, 0.0
         for edge in self.rim:
             origin, start, end = (tuple(p) for p in (self.origin, *edge))
@@ -437,7 +443,7 @@ class Blocker:
 
 
 def transmission_over(ops: Any, source: Point, point: Point, start: Point, end: Point) -> Values:
-    """Return the length of the detour over an edge, and the amplitude of its wave."""
+    """Return the detour over an edge [wavelengths], and its amplitude relative to the free wave."""
     detour, cosine, *_ = path_over(ops, source, point, start, end)
     # Kirchhoff's obliquity: cosine of half the bending angle.
     share = ops.sqrt(ops.maximum(0.5 + 0.5 * cosine, 0.0)) / (1.0 + _STEEP * ops.sqrt(detour))
@@ -518,7 +524,7 @@ def blocked_edges(bodies: Obstacles, seen: Sequence[Silhouette], source: Floats)
 def shadow_lines(table: Floats) -> Floats:
     """Return the shadows (k, 17) that edges cast on the faces behind them, with reversed direction.
 
-    The rows of ``table`` have the format of ``_Edges.groups``.
+    The rows of ``table`` (k, 17) have the format of ``_Edges.groups``.
     """
     source, plane = table[:, None, :3], table[:, None, 13:]
     ends = table[:, 7:13].reshape(-1, 2, 3)[:, ::-1] - source
@@ -538,7 +544,8 @@ def _blocker(
 ) -> Blocker:
     """Return the surface of bodies behind a plane, seen from the midpoint of an edge.
 
-    ``flush``: adjoining bodies that continue the plane. Slits between them are closed.
+    ``numbers`` and ``flush`` are indices of bodies; ``flush``: adjoining bodies that continue the
+    plane. Slits between them are closed. ``plane`` (4,): unit normal and offset.
     """
     if len(flush):
         nearer = plane - [0.0, 0.0, 0.0, bodies.contact]

@@ -103,7 +103,7 @@ class SourceNodes:
     def waves_and_dipoles(self, places: Floats) -> list[Complex]:
         """Return the waves (q, n) of the equivalent points, and their dipoles without obliquity.
 
-        Zero dipoles are omitted.
+        The list contains both arrays (q, n), or only the waves if all dipoles are zero.
         """
         units = _unit_waves(places, self.origins)
         field, slope = (np.array([point[k] for point in self.points]) for k in (1, 2))
@@ -236,7 +236,10 @@ EdgeWave = Callable[[Floats, Floats], NDArray[Any]]
 
 
 def _turned_by(detour: float, curvature: float = 0.0) -> EdgeWave:
-    """Return the edge wave in the far field, relative to the wave at the observation point."""
+    """Return a function that computes the edge wave in the far field.
+
+    The wave is relative to the wave at the observation point. ``detour`` is in wavelengths.
+    """
 
     def wave(distance: Floats, at: Floats) -> Complex:
         """Return the relative edge waves (q, k)."""
@@ -247,7 +250,10 @@ def _turned_by(detour: float, curvature: float = 0.0) -> EdgeWave:
 
 
 def _divided_at(detour: float) -> EdgeWave:
-    """Return the edge wave relative to the wave at the edge."""
+    """Return a function that computes the edge wave relative to the wave at the edge.
+
+    ``detour`` is in wavelengths.
+    """
 
     def wave(distance: Floats, at: Floats) -> Floats:
         """Return the relative edge waves (q, k)."""
@@ -262,8 +268,8 @@ def _few_nodes(
 ) -> SourceNodes:
     """Return the smallest set of nodes whose interpolation error is allowed.
 
-    ``allowed``: largest error for each number of nodes along an axis, times the distance of the
-    edge.
+    Returns ``every`` if no set is smaller. ``allowed``: largest error for each number of nodes
+    along an axis, times the distance of the edge.
     """
     numbers = []
     for at, sums in waves.axes:

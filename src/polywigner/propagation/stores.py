@@ -66,7 +66,10 @@ LARGEST_CHUNK = 1 << 22
 
 
 def required(*names: str) -> ModuleType:
-    """Import modules of the extra ``datasets``, and return the last one."""
+    """Import modules of the extra ``datasets``, and return the last one.
+
+    Raises MissingExtraError if a module is not installed.
+    """
     modules: list[ModuleType] = [
         require(name, "datasets", "large results are stored and distributed with") for name in names
     ]
@@ -74,7 +77,7 @@ def required(*names: str) -> ModuleType:
 
 
 def chunks_within(shape: Sequence[int], samples: int) -> Index:
-    """Return the shape of chunks of up to ``samples`` samples."""
+    """Return the shape of chunks of up to ``samples`` samples, by halving the longest sides."""
     chunks = list(shape)
     while math.prod(chunks) > samples:
         longest = chunks.index(max(chunks))
@@ -374,7 +377,10 @@ def write_netcdf(dataset: Stored, path: str | os.PathLike[str]) -> None:
 
 
 def write_zarr(dataset: Stored, path: str | os.PathLike[str]) -> None:
-    """Write a dataset, which may be complex, to a new zarr store of format 3."""
+    """Write a dataset, which may be complex, to a zarr store of format 3.
+
+    A store at the same path is replaced.
+    """
     required("zarr")
     with in_place(checked_path(path)) as scratch, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # zarr warns about missing consolidated metadata.
@@ -382,7 +388,10 @@ def write_zarr(dataset: Stored, path: str | os.PathLike[str]) -> None:
 
 
 def _as_dataset(dataset: Stored) -> xarray.Dataset:
-    """Return a dataset, a data array or the store at a path as a dataset."""
+    """Return a dataset, a data array or the store at a path as a dataset.
+
+    Raises ArgumentError for other objects, and StoreError if there is no store at the path.
+    """
     import xarray
 
     if isinstance(dataset, xarray.DataArray):

@@ -110,7 +110,7 @@ class Sampling:
     """Number of points of the grid."""
 
     def __getitem__(self, name: str) -> AxisSampling:
-        """Return the axis with a given name."""
+        """Return the axis with a given name; raise ArgumentError for other names."""
         for axis in self.axes:
             if axis.name == name:
                 return axis
@@ -269,7 +269,7 @@ def _phase_space_bands(source: Any, wavelength: Any, quantity: str, reach: Any) 
 
 
 def _narrowest(element: Aperture | Slits) -> float:
-    """Return the width of the narrowest strip, ring or slit; for a square, half its side."""
+    """Return the width in m of the narrowest strip, ring or slit; for a square, half its side."""
     if isinstance(element, Slits):
         return float(np.diff(element.intervals, axis=1).min())
     return min(2 * part.area / part.length for part in element.polygons.geoms)

@@ -80,7 +80,10 @@ _LEAST = 1e-13
 def polarised_parts(
     source: PlaneSource | Wavefront, polarisation: Any
 ) -> list[tuple[PlaneSource | Wavefront, Complex]]:
-    """Return a polarised source as scalar sources, each with a polarisation vector (3,)."""
+    """Return a polarised source as scalar sources, each with a polarisation vector (3,).
+
+    The z components of the vectors are zero.
+    """
     jones = checked_polarisation(polarisation, source)
     return [(part, np.append(p, 0.0)) for part, p in components(source, jones)]
 
@@ -200,7 +203,8 @@ def _dipole_terms(
 def dipole_fields(ahead: Floats, q: Complex, currents: Currents) -> Complex:
     """Return the electric field of equivalent currents on one square wavelength at the origin.
 
-    ``ahead`` (..., 3): positions in wavelengths.
+    ``ahead`` (..., 3): positions in wavelengths. ``q`` (3,): polarisation vector with q_z = 0. The
+    result (..., 3) is relative to the field on the source.
     """
     distance = np.linalg.norm(ahead, axis=-1, keepdims=True)
     s, a = ahead / distance, 0.5j / (math.pi * distance)
@@ -267,7 +271,7 @@ def _near_field(
 
 
 def _edge_field(sums: EdgeIntegrals, q: Complex, currents: Currents) -> Complex:
-    """Return the electric field of the line integrals along edges (VP4)."""
+    """Return the electric field (n, 3) of the line integrals along edges (VP4)."""
     m, e = currents
     n, field = sums.normal @ q[:2], np.zeros((len(sums.where), 3), np.complex128)
     if m:
@@ -338,7 +342,7 @@ class EdgeIntegrals:
     begin: Floats
     """First ends of the panels relative to the centre of the source, shape (m, 2)."""
     along: Floats
-    """Shape (m, 2)."""
+    """Unit vectors along the panels, shape (m, 2)."""
     plane: Floats
     """Direction cosines p_x and p_y of the wave, shape (m, 2)."""
     cosine: Complex
@@ -406,7 +410,7 @@ def far_vectors(
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> Complex:
-    """Return the electric far field of a polarised source in directions s (VP2).
+    """Return the electric far field (..., 3) of a polarised source in directions s (..., 3) (VP2).
 
     The far field is the limit of ``r exp(-ikr) E(r s)`` at large distances r, in m times the unit
     of u. It is zero at z < 0.
@@ -420,7 +424,10 @@ def far_vectors(
 
 
 def of_currents(q: Complex, directions: Floats, model: str) -> Complex:
-    """Return the far field of currents, relative to the scalar one ``F/(i wavelength)`` (VP2)."""
+    """Return the far field of currents, relative to the scalar one ``F/(i wavelength)`` (VP2).
+
+    ``q`` (3,): polarisation vector with q_z = 0. Directions and result have the shape (..., 3).
+    """
     m, e = MODELS[model]
     up, along = np.array([0.0, 0.0, 1.0]), directions @ q[:, None]
     far = m * (directions[..., 2:] * q - along * up) + e * (q - along * directions)
@@ -428,7 +435,10 @@ def of_currents(q: Complex, directions: Floats, model: str) -> Complex:
 
 
 def ludwig_components(far: Complex, directions: Floats) -> tuple[Complex, Complex]:
-    """Return far-field components along x and y by Ludwig's third definition."""
+    """Return far-field components along x and y by Ludwig's third definition, each of shape (...).
+
+    The vectors ``far`` and the directions have the shape (..., 3).
+    """
     x, y, z = np.moveaxis(directions, -1, 0)
     axes = ludwig_axes(x, y, np.maximum(z, -1.0 + np.finfo(np.float64).epsneg))
     along_x, along_y = ((far * np.stack(axis, axis=-1)).sum(axis=-1) for axis in axes)
@@ -436,19 +446,25 @@ def ludwig_components(far: Complex, directions: Floats) -> tuple[Complex, Comple
 
 
 def co_and_cross(components: tuple[Complex, Complex], jones: Complex) -> tuple[Complex, Complex]:
-    """Convert components along x and y to co- and cross-polar parts (VP3)."""
+    """Convert components along x and y to co- and cross-polar parts (VP3).
+
+    ``jones`` (2,): unit Jones vector of the co-polar part.
+    """
     (x, y), (p, q) = components, jones
     return p.conjugate() * x + q.conjugate() * y, p * y - q * x
 
 
 def of_co_and_cross(co: Complex, cross: Complex, jones: Complex) -> tuple[Complex, Complex]:
-    """Convert co- and cross-polar parts to components along x and y."""
+    """Convert co- and cross-polar parts to components along x and y.
+
+    ``jones`` (2,): unit Jones vector of the co-polar part.
+    """
     p, q = jones
     return p * co - q.conjugate() * cross, q * co + p.conjugate() * cross
 
 
 def axial_ratios(components: tuple[Complex, Complex]) -> Floats:
-    """Return axial ratios in dB, infinite for linear polarisation."""
+    """Return axial ratios in dB, infinite for linear polarisation, NaN for a field of zero."""
     x, y = components
     right, left = np.abs(x - 1j * y), np.abs(x + 1j * y)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -458,7 +474,10 @@ def axial_ratios(components: tuple[Complex, Complex]) -> Floats:
 def vector_powers(
     parts: Sequence[tuple[PlaneSource | Wavefront, Complex]], wavelength: float, model: str
 ) -> tuple[float, float]:
-    """Return the integrals of |E|^2 over the front, and of |u|^2 over the source, in W."""
+    """Return the integrals of |E|^2 over the front, and of |u|^2 over the source, in W.
+
+    Raises IlluminationError if the source radiates nothing.
+    """
     lag = max(largest_lag(part) for part, _ in parts)
     power = 0.0
     for directions, solid_angle in directions_and_weights(lag, wavelength):

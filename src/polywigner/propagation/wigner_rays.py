@@ -73,7 +73,11 @@ def irradiance_by_rays(
     allowed: float,
     engine: Engine,
 ) -> tuple[Floats, Floats]:
-    """Return the irradiance by Wigner rays at points (n, 3), and its error."""
+    """Return the irradiance by Wigner rays at points (n, 3), and its estimated error, both (n,).
+
+    ``obliquity``: None for the default. ``allowed``: relative error. An error is infinite if no
+    rule resolves the rays; warns if the allowed error is exceeded.
+    """
     condition, flat = obliquity_of(obliquity), flat_source(source)
     curved: tuple[float, ...] = ()
     if isinstance(source, Wavefront) and not source.is_flat:
@@ -184,10 +188,11 @@ def _refined_sums(
 ) -> tuple[Floats, Floats]:
     """Return the irradiance at points and its error, from successive quadrature rules.
 
-    The allowed error is ``tolerance`` times the irradiance, or times ``floor`` if that is larger.
-    Because of the complex singularities of a point at the distance d, a rule with node spacing h
-    has a relative error of exp(-2 pi d/h). Above 1/e, two wrong rules may agree, so the estimated
-    error is set to infinity.
+    The allowed error is ``tolerance`` times the irradiance, or times ``floor`` (n,) if that is
+    larger. ``rate``: highest spatial frequency of the integrand in 1/m. ``clearance`` (n,):
+    distances from the source in m. Because of the complex singularities of a point at the distance
+    d, a rule with node spacing h has a relative error of exp(-2 pi d/h). Above 1/e, two wrong rules
+    may agree, so the estimated error is set to infinity.
     """
     values, errors = np.zeros(len(points)), np.full(len(points), np.inf)
     remaining = np.arange(len(points))

@@ -53,7 +53,9 @@ def wavelengths_of_band(
 ) -> list[tuple[float, float]]:
     """Return wavelengths in m and weights for a mean over a band of frequencies.
 
-    ``lag``: size of the source in m. ``error``: allowed error of the mean.
+    The band of ``bandwidth`` in Hz is centred at the frequency of ``wavelength``. ``lag``: size of
+    the source in m. ``error``: allowed error of the mean. Raises ArgumentError for bands that are
+    too wide.
     """
     spread = bandwidth * lag / SPEED_OF_LIGHT
     if not spread <= _MOST_SPREAD:
@@ -279,7 +281,10 @@ def power_by_lags(
 
 
 def largest_transverse_cosine(source: PlaneSource | Wavefront, wavelength: float) -> float:
-    """Return the largest transverse direction cosine of the local waves of a source."""
+    """Return the largest transverse direction cosine of the local waves of a source.
+
+    The value exceeds 1 for evanescent waves.
+    """
     flat: Any = flat_source(source)
     highest = float(np.linalg.norm(normal_form(flat).frequencies, axis=1).max())
     if isinstance(source, Wavefront):
@@ -318,7 +323,10 @@ _DARK = 1e-12
 
 
 def checked_powers(power: float, energy: float, wavelength: float) -> tuple[float, float]:
-    """Return the radiated power and the energy; raise an error if hardly any power is radiated."""
+    """Return the radiated power and the energy in W, unchanged.
+
+    Raises IlluminationError if hardly any power is radiated.
+    """
     if not power > _DARK * max(0.0, energy):
         raise IlluminationError(
             f"the source radiates only {power:.3g} W at a wavelength of {wavelength:g} m; check "

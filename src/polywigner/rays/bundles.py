@@ -47,9 +47,10 @@ def rays_dataset(
     batch: NDArray[Any] | None,
     attrs: dict[str, Any],
 ) -> xarray.Dataset:
-    """Return positions, directions and weights of n rays as a dataset.
+    """Return positions (n, 3) in m, directions (n, 3) and weights (n,) in W of rays as a dataset.
 
-    ``batch`` (n,): index of the independent set of quasi-random numbers of each ray.
+    ``batch`` (n,): index of the independent set of quasi-random numbers of each ray, None for
+    independent rays.
     """
     import xarray
 
@@ -114,8 +115,9 @@ def traced(
 def checked_bundle(rays: Any) -> tuple[Floats, Floats, Floats, NDArray[Any] | None]:
     """Return positions, directions, weights and batches of a dataset of rays.
 
-    Lost rays contain NaN. Raises ArgumentError for other datasets, and for directions that are not
-    unit vectors.
+    The shapes are (n, 3), (n, 3), (n,) and (n,). Batches are None for independent rays. Lost rays
+    contain NaN. Raises ArgumentError for other datasets, and for directions that are not unit
+    vectors.
     """
     import xarray
 
@@ -275,7 +277,7 @@ def _estimates(sums: Floats, squares: Floats, count: int) -> tuple[Floats, Float
     """Return the total of each pixel, and its standard error.
 
     ``sums``: sums of weights for each batch and pixel. ``squares``: sums of squared weights of
-    independent rays.
+    independent rays. ``count``: number of rays that were drawn.
     """
     total = sums.sum(axis=0)
     batches = len(sums)
@@ -289,7 +291,10 @@ def _estimates(sums: Floats, squares: Floats, count: int) -> tuple[Floats, Float
 def _pixel_coordinates(
     position: Floats, direction: Floats, pose: Floats, edges: tuple[Floats, Floats], virtual: bool
 ) -> Floats:
-    """Return the pixel coordinates where rays meet a plane; NaN for rays that miss the plane."""
+    """Return the pixel coordinates (n, 2) where rays meet a plane; NaN for rays that miss it.
+
+    The coordinates along x and y count pixels from the lower bounds and may lie outside the image.
+    """
     low, high = np.transpose([(axis[0], axis[-1]) for axis in edges])
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         local = (position - pose[:3, 3]) @ pose[:3, :3]
@@ -415,7 +420,10 @@ def _checked_file(path: str | os.PathLike[str]) -> Path:
 def _write_part(
     rays: xarray.Dataset, columns: Floats, path: Path, sign: int, suffix: str, description: str
 ) -> Path:
-    """Write all rays, or the rays whose power has a given sign, and return the path of the file."""
+    """Write all rays, or the rays whose power has a given sign, and return the path of the file.
+
+    An empty suffix writes all rays with their signs. Otherwise powers are written without a sign.
+    """
     if suffix:
         columns = columns[columns[:, 6] * sign > 0] * ([1.0] * 6 + [sign])
         path = path.with_stem(path.stem + suffix)

@@ -194,7 +194,7 @@ def _random_blocks(
 
 
 def _normal_numbers(numbers: Floats) -> Floats:
-    """Map pairs of uniform numbers continuously to pairs of normal ones (Box and Muller 1958)."""
+    """Map uniform numbers (n, 2) continuously to standard normal numbers (Box and Muller 1958)."""
     plane = _disc_points(numbers)
     square = (plane**2).sum(axis=1)
     # Keep results at the rim of the disc finite.
@@ -220,10 +220,10 @@ class Cone:
     """Sine of the beam's half width; infinite for uniform directions."""
 
     def directions(self, numbers: Floats, slope: Floats | None = None) -> tuple[Floats, Floats]:
-        """Map random numbers (n, 2) to unit vectors (n, 3); also return the inverse density.
+        """Map random numbers (n, 2) to unit vectors (n, 3); also return the inverse density (n,).
 
         The density is per solid angle projected along z. ``slope`` (n, 2): direction cosines of the
-        beams, relative to the axis.
+        beams, relative to the axis; None for a beam along the axis.
         """
         centre = None if slope is None or math.isinf(self.width) else self._beam_centres(slope)
         ratio = self.width / self.radius
@@ -249,8 +249,9 @@ class Cone:
 def cone_of(half_angle: Any, axis: Any, width: float) -> Cone:
     """Return a cone of directions, by default the hemisphere.
 
-    ``half_angle`` is in rad, and ``width`` is the sine of the beam's half width. Raises
-    ArgumentError for cones that extend behind the source.
+    ``half_angle`` is in rad, None for pi/2. ``axis`` (3,) is a unit vector, and ``width`` is the
+    sine of the beam's half width, infinite for uniform directions. Raises ArgumentError for cones
+    that extend behind the source.
     """
     meaning = "a half angle in rad, above 0 and up to pi/2"
     angle = math.pi / 2
@@ -284,9 +285,10 @@ def _rotation(axis: Floats) -> Floats:
 def _concentrated(plane: Floats, core: float, centre: Floats | None) -> tuple[Floats, Floats]:
     """Concentrate points of the unit disc about a centre; return them with area weights.
 
-    The density is proportional to ``1/(core + t)``, where t is the squared distance from the
-    centre. W of a polygon decays similarly. The integral of the density, ``ln(1 + t/core)``, is
-    inverted along lines from the centre.
+    Weights (n,) are inverse densities relative to the uniform density. The density is proportional
+    to ``1/(core + t)``, where t is the squared distance from the centre. W of a polygon decays
+    similarly. The integral of the density, ``ln(1 + t/core)``, is inverted along lines from the
+    centre. ``centre`` (n, 2): None for the centre of the disc.
     """
     square = (plane**2).sum(axis=1)
     if math.isinf(core):
@@ -299,7 +301,10 @@ def _concentrated(plane: Floats, core: float, centre: Floats | None) -> tuple[Fl
 
 
 def _squared_reach(plane: Floats, centre: Floats) -> Floats:
-    """Return squared distances from centres to the unit circle in the directions ``plane``."""
+    """Return squared distances from centres to the unit circle in the directions ``plane``.
+
+    Both have the shape (n, 2); directions are of any length, and centres lie in the unit disc.
+    """
     length = np.hypot(*plane.T)
     along = np.divide(
         (plane * centre).sum(axis=1), length, out=np.zeros_like(length), where=length > 0
@@ -474,7 +479,10 @@ def sample_rays(
 
 
 def _with_pose(source: Any, to_world: Any) -> tuple[PlaneSource | Wavefront, Floats]:
-    """Return the source in its plane and its pose in the world."""
+    """Return the source in its plane, and its pose in the world, shape (4, 4).
+
+    Raises ArgumentError if both the source and ``to_world`` specify a pose.
+    """
     if not isinstance(source, PlacedAperture):
         radiator = checked_radiator(source, partly=True)
         return radiator, np.eye(4) if to_world is None else rigid_pose(to_world)

@@ -70,7 +70,10 @@ class Cells:
         self._add(polygons, np.arange(len(polygons)))
 
     def halved(self, cells: Indices) -> tuple[Indices, Indices]:
-        """Divide cells; return the new cells, and the indices of their parents in ``cells``."""
+        """Divide cells; return the new cells, and the indices of their parents in ``cells``.
+
+        Each cell is divided into two or four. Empty parts are omitted.
+        """
         distinct, number = np.unique(cells, return_inverse=True)
         halves = [self._halves(int(cell)) for cell in distinct]
         counts = np.array([len(parts) for parts in halves], dtype=np.intp)[number]
@@ -230,13 +233,19 @@ class Links:
     """Number of additional nodes along each side of a cell, which determines the accuracy."""
 
     def sizes(self, pairs: Pairs) -> tuple[Floats, Floats, Floats]:
-        """Return half the diagonal of each cell of a pair, and the distance between the cells."""
+        """Return half the diagonal of each cell of a pair, and the distance between their centres.
+
+        All lengths (n,) are in wavelengths.
+        """
         ends = (self.transmitter, pairs.transmitter), (self.receiver, pairs.receiver)
         half = [np.linalg.norm(cells.high[k] - cells.low[k], axis=1) / 2 for cells, k in ends]
         return half[0], half[1], np.linalg.norm(self._between(pairs), axis=1)
 
     def _between(self, pairs: Pairs) -> Floats:
-        """Return the vectors (n, 3) from the transmitter cell to the receiver cell of each pair."""
+        """Return the vectors (n, 3) from the transmitter cell to the receiver cell of each pair.
+
+        The vectors between the cell centres are in wavelengths, in the transmitter's frame.
+        """
         vectors = self.offset[pairs.pose].copy()
         there = _centre(self.receiver, pairs.receiver)
         vectors += np.einsum("nij,nj->ni", self.rotation[pairs.pose][:, :, :2], there)
@@ -246,7 +255,8 @@ class Links:
     def sums(self, pairs: Pairs, order: int) -> tuple[Complex, Floats]:
         """Return the contribution of each pair to the coupling (RX3), and its sum of moduli.
 
-        The phase due to the distance between the sources is omitted.
+        Values are in square wavelengths. The phase due to the distance between the sources is
+        omitted. ``order``: number q of nodes along each side of a cell.
         """
         values, size = np.zeros(len(pairs), np.complex128), np.zeros(len(pairs))
         for rows, here, there, sight in self._blocks(pairs, order):
@@ -312,7 +322,10 @@ class Links:
 
 
 def _nodes(cells: Cells, numbers: Indices, order: int) -> tuple[Floats, Floats]:
-    """Return interpolation nodes (n, q^2, 2) of cells, and the same relative to their centres."""
+    """Return interpolation nodes (n, q^2, 2) of cells, and the same relative to their centres.
+
+    Lengths are in wavelengths. ``order``: number q of nodes along each side.
+    """
     half = (cells.high[numbers] - cells.low[numbers]) / 2
     relative = half[:, None] * _rule(order)[0]
     return relative + _centre(cells, numbers)[:, None], relative
@@ -366,9 +379,9 @@ _MOST_VALUES, _MOST_PAIRS = 1 << 29, 1 << 17
 def link_sums(links: Links, tolerance: float, floor: Floats) -> tuple[Complex, Floats, Floats]:
     """Return ``int int u_t K u_r`` (RX3) for n poses, and their estimated and allowed errors.
 
-    The phase due to the distance is omitted. The allowed error is ``tolerance`` times the modulus
-    or times ``floor``, whichever is larger. Raises ArgumentError for computations that would take
-    more than several minutes.
+    Values are in square wavelengths. The phase due to the distance is omitted. The allowed error is
+    ``tolerance`` times the modulus or times ``floor`` (n,), whichever is larger. Raises
+    ArgumentError for computations that would take more than several minutes.
     """
     count = len(links.offset)
     first = np.zeros(count, np.intp)
@@ -433,7 +446,10 @@ def _next_order(links: Links, parts: Pairs) -> Pairs:
 
 
 def _evaluated(links: Links, pairs: Pairs, orders: Indices, before: Complex | Floats) -> Pairs:
-    """Evaluate pairs at the given orders; errors are the changes from the values ``before``."""
+    """Evaluate pairs at the given orders; errors are the changes from the values ``before``.
+
+    ``orders``: indices into _ORDERS. Raises ArgumentError for too many kernel values.
+    """
     if (_ORDERS[orders] ** 4.0).sum() > _MOST_VALUES * len(links.offset):
         raise _too_much(links, pairs)
     values, sizes = np.empty(len(pairs), np.complex128), np.empty(len(pairs))

@@ -249,7 +249,11 @@ class _Link:
     def _between(
         self, sent: Any, received: Any, poses: Floats, floor: float
     ) -> tuple[Complex, Floats, Floats | float]:
-        """Return unnormalised couplings of two parts of the sources, and both kinds of errors."""
+        """Return unnormalised couplings of two parts of the sources, and both kinds of errors.
+
+        ``sent`` and ``received``: source and polarisation vector, None for scalar fields. The
+        couplings, the estimated errors and the allowed errors (n,) are in W.
+        """
         sources = sent[0], received[0]
         cells = [cells_of(source, self.wavelength) for source in sources]
         offset = poses[:, :3, 3] + poses[:, :3, :2] @ cells[1].centre
@@ -280,7 +284,10 @@ class _Link:
     def _far(
         self, sources: tuple[Any, ...], centres: list[Floats], poses: Floats, offset: Floats
     ) -> Complex:
-        """Return unnormalised far-field couplings (RX4), without the phase due to the distance."""
+        """Return unnormalised far-field couplings (RX4), without the phase due to the distance.
+
+        ``offset`` (n, 3): vectors in m between the centres of the sources. The result (n,) is in W.
+        """
         distance = np.linalg.norm(offset, axis=1)
         towards = offset / distance[:, None]
         back = -np.einsum("nji,nj->ni", poses[:, :3, :3], towards)
@@ -291,7 +298,7 @@ class _Link:
         return result
 
     def _largest(self, sources: tuple[Any, ...], offset: Floats) -> Floats:
-        """Return the largest coupling of two sources of these areas at each distance."""
+        """Return the largest coupling of two sources of these areas at each distance, at most 1."""
         areas = [sum(e.area for e in flat_source(source).elements_in_plane) for source in sources]
         size = math.sqrt(areas[0]) * math.sqrt(areas[1]) / self.wavelength
         return np.minimum(1.0, size / np.linalg.norm(offset, axis=1))
@@ -356,7 +363,10 @@ def checked_tolerance(tolerance: Any) -> float:
 
 
 def link_kernel(condition: Obliquity, sight: Sight) -> tuple[Floats, Floats]:
-    """Return the real and imaginary part of the scalar link kernel K (RX1)."""
+    """Return the real and imaginary part of the scalar link kernel K (RX1), shape (n, i, j).
+
+    Lengths are in wavelengths, and the phase due to the distance of the centres is omitted.
+    """
     cosine, sine = sight.wave
     nr, mr, nm = sight.rise, sight.away, sight.lean
     # Real arrays are several times faster than complex arrays.
@@ -379,7 +389,8 @@ def polarised_kernel(
 ) -> tuple[Floats, Floats]:
     """Return the real and imaginary part of the link kernel of polarised sources (RX9).
 
-    ``sent`` and ``received`` (3,) are polarisation vectors in the frames of their sources.
+    ``sent`` and ``received`` (3,) are polarisation vectors in the frames of their sources. Units
+    and phase are those in `link_kernel`.
     """
     rotation = sight.rotation
     received, normal = rotation @ received, rotation[:, :, 2]
@@ -394,7 +405,10 @@ def polarised_kernel(
         return np.asarray(sum(v[:, k, None, None] * r[k] for k in range(3)) * inverse)
 
     def dyad(first: Complex, second: Complex) -> Complex:
-        """Return the electric field of a dipole along ``first``, projected onto ``second``."""
+        """Return the electric field of a dipole along ``first``, projected onto ``second``.
+
+        The field is relative to the spherical wave exp(ikR)/(i R).
+        """
         product = np.broadcast_to(first * second, received.shape).sum(axis=1)[:, None, None]
         transverse = (1 + a * (1 + a)) * product
         return np.asarray(transverse - (1 + 3 * a * (1 + a)) * along(first) * along(second))

@@ -249,7 +249,11 @@ def far_sections(
     *,
     warns: bool = True,
 ) -> Floats:
-    """Return radar cross sections in m^2, with parameters as in :func:`rcs`."""
+    """Return radar cross sections (...) in m^2 for distant antennas, with parameters as in `rcs`.
+
+    ``lengths``: wavelengths in m. ``warns``: whether to warn if faces illuminate each other. A
+    cross section is NaN, with a warning, in a direction that fails.
+    """
     receiver = checked_unit_vectors("to_radar", to_radar)
     transmitter = receiver
     if to_transmitter is not None:
@@ -284,7 +288,7 @@ def warn_of_small(facets: Facets, wavelength: float) -> None:
 def _power(
     sums: Complex, later: Complex | None, k: Floats, s: Floats, polarisations: list[Complex]
 ) -> Floats:
-    """Return ``|q.(N x h + M h)|^2`` of (SC1) and (SC6) for m samples.
+    """Return ``|q.(N x h + M h)|^2`` of (SC1) and (SC6) in m^4 for m samples.
 
     ``sums`` is N and ``later`` is M. ``polarisations``: q of the receiver and p of the incident
     wave with h = k x p. Without them, the total power is averaged over incident polarisations.
@@ -413,7 +417,8 @@ class Pattern:
     def values(self, advance: Callable[[int], None]) -> Floats:
         """Return cross sections at all angles in m^2, shape (n, m).
 
-        ``advance`` is called with the number of new values.
+        ``advance`` is called with the number of new values. Values at azimuths with too many beams
+        are NaN, with a warning. Raises ArgumentError if the first azimuths have too many beams.
         """
         warn_of_small(self.facets, self.wavelength)
         if self.bounces == 1:
@@ -432,7 +437,7 @@ class Pattern:
         return values
 
     def at(self, azimuth: Floats, elevation: Floats) -> Floats:
-        """Return the cross sections in m^2 at angles in rad."""
+        """Return the cross sections in m^2 at angles in rad, which broadcast against each other."""
         lengths = np.asarray(self.wavelength)
         towards = self._towards(azimuth, elevation)
         how = self.to_transmitter, self.polarisation, self.bounces

@@ -63,11 +63,12 @@ _SLACK = 1e-9
 def sums_of_beams(
     facets: Facets, k: Floats, s: Floats, lengths: Floats, monostatic: bool, bounces: int
 ) -> tuple[Complex, Complex | None]:
-    """Return the scattering amplitudes N (m, 3) and M (m, 3, 3) for m pairs of directions.
+    """Return the scattering amplitudes N (m, 3) and M (m, 3, 3) in m^2 for m pairs of directions.
 
-    Waves travel along ``k`` (m, 3) to receivers in the directions ``s`` (m, 3). The scattered field
-    is ``N x h + M h`` for the incident magnetic field h (SC6). M is None without later reflections.
-    N is NaN, with a warning, for directions that fail. Raises ArgumentError if all directions have
+    Waves travel along ``k`` (m, 3) to receivers in the directions ``s`` (m, 3). ``lengths`` (m,):
+    wavelengths in m. The scattered field is ``N x h + M h`` for the incident magnetic field h
+    (SC6); N contains the first reflection, M the later ones. M is None without later reflections. N
+    is NaN, with a warning, for directions that fail. Raises ArgumentError if all directions have
     too many beams.
     """
     nu = (s - k) / lengths[:, None]
@@ -164,9 +165,10 @@ def _runs(counts: ArrayLike) -> tuple[Indices, Indices]:
 
 
 def _members(owner: Indices, runs: tuple[Indices, Indices]) -> tuple[Indices, Indices]:
-    """Return all indices in the ranges ``runs[owner]``, after their positions in ``owner``.
+    """Return the members of the ranges ``runs[owner]``: position in ``owner``, and index.
 
-    Both arrays have one entry for each index. ``runs``: first index and length of each range.
+    Both arrays have one entry for each index in the ranges. ``runs``: first index and length of
+    each range.
     """
     begins, counts = (column[owner] for column in runs)
     pair = np.repeat(np.arange(len(owner)), counts)
@@ -246,7 +248,7 @@ class Hits:
 
 
 def hits_after(facets: Facets, ends: Ends, bounces: int) -> Iterator[Hits]:
-    """Yield the illuminated parts of triangles after each reflection.
+    """Yield the parts of triangles that beams illuminate after 1 to ``bounces - 1`` reflections.
 
     Raises ArgumentError if the computation would take more than several minutes.
     """
@@ -377,7 +379,10 @@ def _candidates(facets: Facets, ends: Ends, beams: Beams) -> tuple[Indices, Indi
 
 
 def _clipped(corners: Floats, heights: Floats) -> tuple[Floats, Indices]:
-    """Return the parts (m, 3, 3) of triangles in front of mirrors, and their triangle indices."""
+    """Return the parts (m, 3, 3) of triangles in front of mirrors, and their triangle indices.
+
+    ``corners`` (n, 3, 3): corners in any frame. ``heights`` (n, 3): heights above the mirrors.
+    """
     below = (heights < 0).sum(axis=1)
     (complete,), (quadrangle,), (tip,) = (np.nonzero(below == count) for count in range(3))
     # Move the corner that is alone on its side of the plane to the first position.

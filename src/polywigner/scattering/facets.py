@@ -94,7 +94,7 @@ class Facets:
 
     @cached_property
     def neighbours(self) -> tuple[Indices, Indices]:
-        """Indices of pairs of triangles with a common edge."""
+        """Indices of pairs of triangles with a common edge, as two arrays (k,)."""
         points = np.round(self.corners.reshape(-1, 3) / (_ONE_VERTEX * self.size)).astype(np.int64)
         _, number = np.unique(points, axis=0, return_inverse=True)
         begin = number.reshape(-1, 3)
@@ -230,7 +230,10 @@ def facing(facets: Facets, direction: Floats, block: slice = slice(None)) -> Sid
 
 
 def facing_point(facets: Facets, point: Floats) -> Sides:
-    """Return the sides of triangles that face a point, shape (n,)."""
+    """Return the sides of triangles that face a point (3,), shape (n,).
+
+    The point is in m from the body's centre.
+    """
     away = facets.corner - point
     distance = np.maximum(np.linalg.norm(away, axis=1), np.finfo(float).tiny)
     return _sides((away * facets.normal).sum(axis=1) / distance, facets.is_plate)
@@ -254,7 +257,10 @@ def axes_across(direction: Floats) -> Floats:
 
 
 def visible_along(facets: Facets, direction: Floats) -> Visible:
-    """Return the parts of triangles that a distant observer looking along ``direction`` sees."""
+    """Return the parts of triangles that a distant observer looking along ``direction`` sees.
+
+    ``direction`` (3,): unit vector from the observer to the body.
+    """
     across = axes_across(direction)
 
     def projected(corners: Floats) -> Projected:
@@ -268,8 +274,9 @@ def visible_along(facets: Facets, direction: Floats) -> Visible:
 def visible_from(facets: Facets, point: Floats, frame: Floats) -> Visible:
     """Return the parts of triangles that an observer at a point sees.
 
-    The rows of ``frame`` are the observer's axes; z is the viewing direction. All triangles must be
-    in front of the observer. The perspective image maps planes to planes.
+    ``point`` (3,) is in m from the body's centre. The rows of ``frame`` are the observer's axes; z
+    is the viewing direction. All triangles must be in front of the observer. The perspective image
+    maps planes to planes.
     """
     distance = float(((facets.corners - point) @ frame[2]).mean())
 
@@ -310,10 +317,10 @@ def _visible(facets: Facets, signs: Sides, project: Callable[[Floats], Projected
 
 
 def less_hidden(illuminated: Visible, visible: Visible, faces: Sides) -> Visible:
-    """Remove the parts hidden from a receiver; ``faces`` are the sides that face the receiver.
+    """Return the illuminated parts without the parts hidden from a receiver.
 
-    Illuminated sides that face away from the receiver remain, because they contribute to the
-    forward field.
+    ``faces`` are the sides that face the receiver. Illuminated sides that face away from the
+    receiver remain, because they contribute to the forward field.
     """
     signs, parts = illuminated.signs.copy(), illuminated.parts.copy()
     faces_receiver = (signs != 0) & (signs == faces)
@@ -336,8 +343,9 @@ def pieces_of(
 ) -> tuple[Pieces, Indices]:
     """Divide m parts of triangles into triangles; also return the part index of each triangle.
 
-    A cut part becomes signed triangles between the first corner of its original triangle and each
-    edge of the part.
+    ``numbers``, ``signs`` and ``parts``: index of the original triangle, its visible side, and the
+    part as in :class:`Visible`. A cut part becomes signed triangles between the first corner of its
+    original triangle and each edge of the part.
     """
     (complete,) = np.nonzero(shapely.is_missing(parts))
     (cut,) = np.nonzero(~shapely.is_missing(parts))
@@ -371,7 +379,7 @@ _AT_ONCE = 1 << 14
 
 
 def surface_sums(pieces: Pieces, nu: Floats, signs: Signs | None = None) -> Complex:
-    """Return the Fourier transform N of (SC1) at frequencies nu (m, 3), shape (m, 3).
+    """Return the Fourier transform N of (SC1) in m^2 at frequencies nu (m, 3) in 1/m, shape (m, 3).
 
     ``signs``: function that returns the signs for a slice of frequencies and a slice of triangles,
     0 for dark triangles. By default all signs are 1.
@@ -397,7 +405,8 @@ def surface_sums(pieces: Pieces, nu: Floats, signs: Signs | None = None) -> Comp
 def transforms(corner: Floats, first: Floats, second: Floats) -> Complex:
     """Return the Fourier transforms of triangles, divided by twice their areas (F5).
 
-    The arguments are dot products of the frequency with the first corner and with both sides.
+    The arguments are dot products of the frequency with the first corner and with both sides, in
+    cycles. Waves are exp(-2 pi i nu.x).
     """
     real, imag = rotated(_OPS, corner, *simplex_plane_wave(_OPS, first, second))
     return np.asarray(real + 1j * imag)

@@ -168,26 +168,30 @@ class Antenna:
         return root_of_norm(self.source, self.wavelength, method, self.normalise, self.jones)
 
     def to_frame(self, points: Floats) -> Floats:
-        """Map points to the source's frame."""
+        """Map points (..., 3) from the body's frame to the source's frame.
+
+        Points in the body's frame are relative to the body's centre, also in the other methods.
+        """
         return np.asarray(points @ self.frame.T + self.pose[:3, 3])
 
     def field(self, points: Floats) -> Complex:
-        """Return the scalar field at points for 1 W of transmitted power."""
+        """Return the scalar field at points of the body's frame for 1 W of transmitted power."""
         return np.asarray(self._amplitude(points)[0] / self.root_of_power)
 
     def _amplitude(self, points: Floats) -> tuple[Complex, Floats]:
-        """Return the scalar field of the unscaled source at points, and its error."""
+        """Return the scalar field of the unscaled source at points of the body, and its error."""
         how: Any = self.wavelength, self.condition
         points = self.to_frame(points)
         field, error = amplitude_with_error(self.source, points, *how, tolerance=self.tolerance)
         return np.asarray(field), np.asarray(error)
 
     def wave(self, points: Floats) -> tuple[Complex, Complex, Floats]:
-        """Return the wave at points for 1 W of transmitted power, and its power flow.
+        """Return the wave at points (n, 3) of the body's frame for 1 W, and its power flow (n, 3).
 
         Scalar waves: field (n,) and gradient divided by ik (n, 3). Polarised waves: electric field,
         and magnetic field times the impedance of free space, both (n, 3). The power flow is a unit
-        vector, or a shorter vector near nulls and where waves cross.
+        vector, or a shorter vector near nulls and where waves cross. Vectors are in the body's
+        frame.
         """
         if self.jones is None:
             how = self.wavelength, self.condition, self.tolerance
@@ -202,7 +206,10 @@ class Antenna:
         return field, slope, rate / np.maximum(np.linalg.norm(rate, axis=1, keepdims=True), 1.0)
 
     def _fields(self, points: Floats) -> tuple[Complex, Complex]:
-        """Return the electric field, and the magnetic field times the impedance, for 1 W."""
+        """Return the electric field, and the magnetic field times the impedance, for 1 W.
+
+        Points and both results have the shape (..., 3) in the body's frame.
+        """
         assert self.jones is not None
         # The magnetic field times the impedance of free space equals the electric field of the dual
         # currents. The polarisation of dual Huygens' currents is rotated by 90 degrees.
@@ -215,7 +222,7 @@ class Antenna:
         return electric @ scale, magnetic @ scale
 
     def power_at_centre(self) -> float:
-        """Return |U|^2 at the body's centre for 1 W, 0 if |U| does not exceed its error."""
+        """Return |U|^2 in W/m^2 at the body's centre for 1 W, 0 if |U| is at most its error."""
         if self.jones is not None:
             return float(np.square(np.abs(self._fields(np.zeros(3))[0])).sum())
         value, error = self._amplitude(np.zeros(3))
@@ -233,10 +240,12 @@ class Antenna:
 
 
 def checked_poses(name: str, positions: ArrayLike, centre: Floats) -> Floats:
-    """Return poses from the frame at the body's centre to the source's frame.
+    """Return poses (..., 4, 4) from the frame at the body's centre to the source's frame.
 
     ``positions``: rigid poses (..., 4, 4) from the body's frame, or vectors (..., 3) from the
-    centre to a source that faces it with its y axis upwards.
+    centre to a source that faces it with its y axis upwards. ``centre`` (3,): centre in the body's
+    frame in m. Raises ArgumentError for other shapes and zero vectors, and GeometryError for other
+    poses.
     """
     expected = (
         f"with a source, expected {name} to be vectors (..., 3) in m from the body's centre to the "
@@ -260,7 +269,7 @@ def checked_poses(name: str, positions: ArrayLike, centre: Floats) -> Floats:
 
 
 def directions_of(poses: Any) -> Floats:
-    """Return unit vectors from the body's centre towards the sources."""
+    """Return unit vectors (..., 3) in the body's frame, from its centre towards the sources."""
     away = -np.einsum("...ji,...j->...i", poses[..., :3, :3], poses[..., :3, 3])
     # A source at the centre is rejected by check_in_front.
     with np.errstate(invalid="ignore"):
@@ -270,7 +279,11 @@ def directions_of(poses: Any) -> Floats:
 def field_gradient(
     radiator: Radiator, points: Floats, wavelength: float, method: str, tolerance: float
 ) -> Complex:
-    """Return the gradient of the exact field at points by (G6) and (G7), shape (n, 3)."""
+    """Return the gradient of the exact field at points by (G6) and (G7), shape (n, 3).
+
+    Points (n, 3) in m and gradient are in the source's frame. The gradient is in the unit of the
+    field per m.
+    """
     gradient = np.zeros((len(points), 3), np.complex128)
     for axis in range(3):
         carried = _derivative(radiator, wavelength, axis)
@@ -292,7 +305,10 @@ def field_gradient(
 
 
 def _derivative(radiator: Radiator, wavelength: float, axis: int) -> Radiator:
-    """Return a radiator with each plane wave multiplied by 2 pi i times a frequency component."""
+    """Return a radiator with each plane wave multiplied by 2 pi i times a frequency component.
+
+    ``axis``: 0 for x, 1 for y, 2 for z (p_z/wavelength, also for evanescent waves).
+    """
     elements = []
     for element in radiator.elements:
         rates = (
@@ -323,11 +339,12 @@ def near_sums(
     polarisations: tuple[Complex, Complex],
     tolerance: float,
 ) -> Complex:
-    """Return ratios of received to transmitted amplitude (SC3).
+    """Return ratios b of received to transmitted amplitude (SC3).
 
     ``polarisations``: vectors (..., 3) of receiver and transmitter, normal to their directions from
-    the body's centre. At other points, the vectors are projected. If both antennas are the same
-    object, its fields are computed once.
+    the body's centre, which broadcast; the result has the shape (...). At other points, the vectors
+    are projected. If both antennas are the same object, its fields are computed once. The result is
+    NaN, with a warning, if the illuminated polygons cannot be computed.
     """
     try:
         lit = _illuminated(facets, transmitter, receiver)
@@ -351,7 +368,7 @@ def echo(
     tolerance: float,
     bounces: int,
 ) -> complex:
-    """Return the coupling of two scalar antennas by reflection from a body.
+    """Return the coupling of two scalar antennas by reflection from a body, -b of (SC3).
 
     Later reflections, up to ``bounces``, are computed for plane waves from the centre (SC6).
     """
@@ -418,7 +435,10 @@ def _illuminated(facets: Facets, transmitter: Antenna, receiver: Antenna) -> Pie
 
 
 def _divided(pieces: Pieces, transmitter: Antenna, receiver: Antenna, tolerance: float) -> Pieces:
-    """Divide pieces until the fields of both antennas on each piece are nearly plane waves."""
+    """Divide pieces until the fields of both antennas on each piece are nearly plane waves.
+
+    ``tolerance``: largest deviation (SC4). Raises ArgumentError for too many pieces.
+    """
     done, count = [pieces.taken(slice(0))], 0
     while len(pieces):
         coarse = _deviation(pieces, transmitter, receiver) > tolerance
@@ -464,7 +484,11 @@ def _quartered(pieces: Pieces) -> Pieces:
 
 
 def _transverse(polarisation: Complex, ray: Floats) -> Complex:
-    """Return the normalised projections of polarisations normal to rays, shape (..., n, 3)."""
+    """Return the normalised projections of polarisations (..., 3) normal to n rays.
+
+    Each polarisation is projected for each ray, so the result has the shape (..., n, 3). ``ray``
+    (n, 3): vectors of any length.
+    """
     along = ray / np.linalg.norm(ray, axis=1, keepdims=True)
     vectors = polarisation[..., None, :]
     vectors = vectors - (vectors * along).sum(axis=-1, keepdims=True) * along
@@ -488,7 +512,11 @@ def near_sections(
     tolerance: float,
     normalise: str,
 ) -> tuple[Floats, Floats]:
-    """Return cross sections in m^2 and ratios of received to transmitted power (SC3)."""
+    """Return cross sections in m^2 and ratios of received to transmitted power (SC3), shapes (...).
+
+    The arguments are those of :func:`rcs`, and broadcast. A cross section is infinite or NaN, with
+    a warning, if an antenna has a null at the centre of the body.
+    """
     allowed = tolerance_from(tolerance, _TOLERANCE, _LEAST)
     checked_normalise(normalise)
     for antenna in (source, receiver):
