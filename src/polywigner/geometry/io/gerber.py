@@ -97,7 +97,10 @@ def _statements(text: str) -> Iterator[tuple[str, int]]:
 
 
 def _checked_statements(text: str) -> tuple[str, str]:
-    """Return a Gerber file's statements as gerbonara accepts them, and the unit "MM" or "IN"."""
+    """Return a Gerber file's statements as gerbonara accepts them, and the unit "MM" or "IN".
+
+    Raises FileFormatError for unsupported statements and missing units.
+    """
     statements: list[str] = []
     unit = ""
     for statement, line in _statements(text):
