@@ -115,7 +115,10 @@ def _overlapping_pairs(projected: Projected, polygons: Shapes) -> tuple[Indices,
 
 
 def _are_separated(projected: Projected, one: Indices, other: Indices) -> NDArray[np.bool_]:
-    """Return a mask of pairs of triangles (m,) that a side of the first triangle separates."""
+    """Return a mask (m,) of the pairs of triangles that a side of the first triangle separates.
+
+    ``one`` and ``other`` (m,): indices of the triangles of each pair.
+    """
     apart = np.zeros(len(one), np.bool_)
     points, least = projected.points, NOTHING * projected.size
     for k in range(3):

@@ -228,7 +228,7 @@ class Wavefront(TakesWaves):
         self._set(source=source, curvature=q, centre=c, coherence_width=width, wavelength=length)
 
     def at_wavelength(self, wavelength: float) -> Wavefront:
-        """Return the source at another wavelength, with the curvature that its wave has there."""
+        """Return the source at another wavelength in m, with the curvature of its wave there."""
         length = checked_wavelength(wavelength)
         source = self.source.at_wavelength(length)
         if self.wavelength in (None, length):
@@ -351,7 +351,11 @@ class Wavefront(TakesWaves):
 def _curvature_of(
     radius: float | Sequence[float], wavelength: float, dimension: int
 ) -> NDArray[np.float64]:
-    """Return the curvature matrix (d, d) in 1/m^2 for one radius, or one per axis, in m."""
+    """Return the curvature matrix (d, d) in 1/m^2 for one radius, or one per axis, in m.
+
+    Its diagonal is 1/(wavelength radius), and 0 for infinite radii. Raises ArgumentError for other
+    radii and wavelengths.
+    """
     length = checked_wavelength(wavelength)
     axes = "a number" if dimension == 1 else "a number or a pair (radius_x, radius_y)"
     expected = (

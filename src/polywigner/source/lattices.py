@@ -41,7 +41,10 @@ class Lattice:
 
 
 def lattice_of(positions: Floats, weights: Complex) -> Lattice | None:
-    """Return the lattice of positions (n, 2); None if there is no lattice or it is nearly empty."""
+    """Return the lattice of positions (n, 2); None if there is no lattice or it is nearly empty.
+
+    A single position has no lattice, and neither have positions with other components than x and y.
+    """
     if positions.shape[1] != 2 or len(positions) < 2:
         return None
     extent = float(np.ptp(positions, axis=0).max())
@@ -171,7 +174,10 @@ def separated(weights: Complex) -> tuple[Profile, Profile] | None:
 
 
 def column_and_row(weights: Complex, tolerance: float = _EQUAL) -> tuple[Complex, Complex] | None:
-    """Return factors (n1,) and (n2,) of weights (n1, n2); None if they are not a product."""
+    """Return factors (n1,) and (n2,) of weights (n1, n2); None if they are not a product.
+
+    ``tolerance``: accepted deviation, as a fraction of the largest weight.
+    """
     i, j = np.unravel_index(int(np.argmax(np.abs(weights))), weights.shape)
     row, column = weights[i, :], weights[:, j] / weights[i, j]
     if np.abs(np.outer(column, row) - weights).max() > tolerance * np.abs(weights[i, j]):

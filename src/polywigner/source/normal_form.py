@@ -276,7 +276,7 @@ class Source:
         return self.with_elements(elements, centre=centre)
 
     def with_weights(self, weights: ArrayLike) -> Source:
-        """Return the source with other weights (n,) of its elements."""
+        """Return the source with the weights of its elements replaced by ``weights`` (n,)."""
         factors = np.asarray(weights, np.complex128)
         if self.repeated is not None:
             return replace(self, content=replace(self.repeated, weights=factors))

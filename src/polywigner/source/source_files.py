@@ -69,7 +69,10 @@ class Context(NamedTuple):
     wavelength: float | None
 
     def path(self, name: str) -> Path:
-        """Return the path of a file; raise FileFormatError if it is outside the folder."""
+        """Return the path of a file, from its path relative to the folder.
+
+        Raises FileFormatError if the file is outside the folder, unless this is allowed.
+        """
         path = (self.folder / name).resolve()
         if self.allow_outside or path.is_relative_to(self.folder.resolve()):
             return path
