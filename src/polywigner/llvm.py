@@ -197,7 +197,7 @@ def _find_usable_library() -> LLVMStatus:
 
 
 def is_switched_off() -> bool:
-    """Return whether the environment variable POLYWIGNER_NO_LLVM switches LLVM off."""
+    """Return whether the environment variable POLYWIGNER_NO_LLVM is neither empty nor 0."""
     return os.environ.get(OFF_VARIABLE, "") not in ("", "0")
 
 
@@ -277,11 +277,11 @@ def version_of_name(path: str) -> tuple[int, ...] | None:
 
 
 def probe(path: str) -> tuple[str | None, str | None]:
-    """Return the version of a library, and the reason if it is not usable.
+    """Return the version of a library, or None, and the reason if it is not usable, or None.
 
     The result comes from its name, from the cache, or from a test in a child process. The key of
     the cache includes the machine, because machines with different processors may share a home
-    folder.
+    folder. The version is None if a test finds the library unusable.
     """
     version = version_of_name(path)
     if version is not None and version[0] < OLDEST_VERSION:

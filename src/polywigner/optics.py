@@ -24,7 +24,11 @@ _LEAST = 2.0**-1023
 
 
 def check_symplectic(matrix: Matrix) -> None:
-    """Raise ArgumentError unless A^T C and B^T D are symmetric and A^T D - C^T B = 1."""
+    """Raise ArgumentError unless A^T C and B^T D are symmetric and A^T D - C^T B = 1.
+
+    A, B, C and D are the quarters of the ray matrix (2, 2) or (4, 4). Relative deviations up to
+    1e-9 are accepted.
+    """
     half = len(matrix) // 2
     a, b = matrix[:half, :half], matrix[:half, half:]
     c, d = matrix[half:, :half], matrix[half:, half:]
@@ -44,9 +48,9 @@ def check_symplectic(matrix: Matrix) -> None:
 
 
 def checked_pair(value: Any, expected: str) -> Matrix:
-    """Return one or two numbers as a pair; raise ArgumentError for zero and NaN.
+    """Return one or two numbers, possibly infinite, as an array (2,).
 
-    ``expected``: beginning of the error message.
+    Raises ArgumentError for zero, NaN and other values. ``expected``: beginning of the message.
     """
     numbers = checked_vectors(value, expected, ())
     if numbers.shape not in ((), (2,)) or not (np.abs(numbers) >= _LEAST).all():
@@ -190,7 +194,9 @@ class FirstOrder(Immutable):
 
     @classmethod
     def fourier(cls, f: float) -> FirstOrder:
-        """Return a lens between its focal planes: the field at the back is F(x/(lambda f)).
+        """Return a lens between its focal planes, a Fourier transformer.
+
+        The field at the back is F(x/(lambda f))/(i lambda f), without the phase of the axial path.
 
         Parameters
         ----------
@@ -360,7 +366,10 @@ class FirstOrder(Immutable):
         return rays[..., :2], rays[..., 2:]
 
     def __matmul__(self, other: FirstOrder) -> FirstOrder:
-        """Return the system that consists of ``other``, followed by this system."""
+        """Return the system that consists of ``other``, followed by this system.
+
+        Raises ArgumentError if an element of the product overflows.
+        """
         if not isinstance(other, FirstOrder):
             return NotImplemented
         with np.errstate(over="ignore", invalid="ignore"):

@@ -64,6 +64,7 @@ def _parse(
 ) -> float:
     """Convert a string such as "10 mm" to SI units; numbers are already in SI units.
 
+    Raises QuantityError for other values, and if ``positive`` for values of zero or less.
     ``units``: size of each unit in SI units. ``kind`` and ``example`` describe the quantity in
     error messages.
     """
@@ -86,17 +87,26 @@ def _parse(
 
 
 def parse_length(text: str | float) -> float:
-    """Parse a length above zero to metres; a plain number is in metres."""
+    """Parse a length above zero to metres; a plain number is in metres.
+
+    Raises QuantityError for other values.
+    """
     return _parse(text, _LENGTHS, "length", "10 mm", positive=True)
 
 
 def parse_coordinate(text: str | float) -> float:
-    """Parse a length of either sign to metres; a plain number is in metres."""
+    """Parse a length of either sign to metres; a plain number is in metres.
+
+    Raises QuantityError for other values.
+    """
     return _parse(text, _LENGTHS, "length", "-2 mm")
 
 
 def parse_point(text: str) -> tuple[float, float]:
-    """Parse two coordinates of either sign, such as ``"0 mm, -2 mm"``, to metres."""
+    """Parse two coordinates of either sign, such as ``"0 mm, -2 mm"``, to metres.
+
+    Plain numbers are in metres. Raises QuantityError for other text.
+    """
     parts = text.split(",", 2)
     if len(parts) != 2:
         raise QuantityError(
@@ -108,14 +118,20 @@ def parse_point(text: str) -> tuple[float, float]:
 
 
 def parse_unit(text: str | float) -> float:
-    """Parse the unit of a file, a name ("mm") or a length ("0.1 mm"), to metres."""
+    """Parse the unit of a file, a name ("mm") or a length ("0.1 mm"), to metres.
+
+    A plain number is in metres. Raises QuantityError for other values.
+    """
     if isinstance(text, str) and text.strip() in _LENGTHS:
         return float(_LENGTHS[text.strip()])
     return _parse(text, _LENGTHS, "unit of length", 'mm" or "0.1 mm', positive=True)
 
 
 def parse_frequency(text: str | float) -> float:
-    """Parse a frequency above zero to hertz; a plain number is in hertz."""
+    """Parse a frequency above zero to hertz; a plain number is in hertz.
+
+    Raises QuantityError for other values, and for "mHz".
+    """
     if isinstance(text, str):
         if text.rstrip().endswith("mHz"):
             raise QuantityError(
@@ -127,22 +143,34 @@ def parse_frequency(text: str | float) -> float:
 
 
 def parse_duration(text: str | float) -> float:
-    """Parse a time above zero to seconds; a plain number is in seconds."""
+    """Parse a time above zero to seconds; a plain number is in seconds.
+
+    Raises QuantityError for other values.
+    """
     return _parse(text, _DURATIONS, "time", "60 us", positive=True)
 
 
 def parse_angle(text: str | float) -> float:
-    """Parse an angle to radians; a plain number is in radians."""
+    """Parse an angle to radians; a plain number is in radians.
+
+    Raises QuantityError for other values.
+    """
     return _parse(text, _ANGLES, "angle", "30 deg")
 
 
 def parse_decibels(text: str | float) -> float:
-    """Parse a level to decibels; a plain number is in decibels."""
+    """Parse a level to decibels; a plain number is in decibels.
+
+    Raises QuantityError for other values.
+    """
     return _parse(text, _DECIBELS, "level", "25 dB")
 
 
 def parse_noise_figure(text: str | float) -> float:
-    """Parse a noise figure of at least zero to decibels; a plain number is in decibels."""
+    """Parse a noise figure of at least zero to decibels; a plain number is in decibels.
+
+    Raises QuantityError for other values.
+    """
     level = _parse(text, _DECIBELS, "noise figure", "3 dB")
     if not 0 <= level <= _HIGHEST_LEVEL:
         raise QuantityError(f"expected a noise figure of 0 dB or more, got {value_text(text)}")
@@ -150,7 +178,10 @@ def parse_noise_figure(text: str | float) -> float:
 
 
 def parse_temperature(text: str | float) -> float:
-    """Parse a temperature above zero to kelvins; a plain number is in kelvins."""
+    """Parse a temperature above zero to kelvins; a plain number is in kelvins.
+
+    Raises QuantityError for other values.
+    """
     return _parse(text, _TEMPERATURES, "temperature", "290 K", positive=True)
 
 
@@ -167,13 +198,19 @@ def parse_noise(
     temperature: str | float | None,
     noise_figure: str | float | None,
 ) -> dict[str, float | None]:
-    """Parse bandwidth, temperature and noise figure to Hz, K and dB; None if a value is missing."""
+    """Parse bandwidth, temperature and noise figure to Hz, K and dB; None remains None.
+
+    Returns a dictionary with the keys of :data:`NOISE_PARSERS`.
+    """
     values = zip(NOISE_PARSERS.items(), (bandwidth, temperature, noise_figure), strict=True)
     return {name: None if value is None else parse(value) for (name, parse), value in values}
 
 
 def parse_power(text: str | float) -> float:
-    """Parse a power above zero, or a level in dBm or dBW, to watts; a plain number is in watts."""
+    """Parse a power above zero, or a level in dBm or dBW, to watts; a plain number is in watts.
+
+    Raises QuantityError for other values.
+    """
     for unit, reference in _POWER_LEVELS.items():
         if isinstance(text, str) and text.rstrip().endswith(unit):
             level = _parse(text, {unit: Fraction(1)}, "power", "10 dBm")
@@ -184,7 +221,10 @@ def parse_power(text: str | float) -> float:
 
 
 def wavelength_of(frequency: float) -> float:
-    """Return the vacuum wavelength in metres for a frequency above zero in hertz."""
+    """Return the vacuum wavelength in metres for a frequency above zero in hertz.
+
+    Raises QuantityError for other numbers.
+    """
     if not 0 < frequency < math.inf:
         raise QuantityError(
             f"expected a finite frequency in Hz above zero, got {value_text(frequency)}"
@@ -203,7 +243,7 @@ _UNITS = (LengthUnit("nm", 1e-9), LengthUnit("µm", 1e-6), LengthUnit("mm", 1e-3
 
 
 def length_unit(length: float) -> LengthUnit:
-    """Return the unit in which a length (m) is a number from 1 to 1000, else metres."""
+    """Return the unit in which a length (m) is below 1000: nm, µm or mm; metres from 1 m on."""
     for unit in _UNITS:
         if length < 1000 * unit.metres:
             return unit

@@ -101,7 +101,7 @@ class FMCW:
 
     @property
     def time_step(self) -> float:
-        """Time in s from one frequency to the next."""
+        """Time in s from one frequency to the next, the reciprocal of the sampling rate."""
         return 1.0 / self.sample_rate
 
     @property
@@ -130,11 +130,17 @@ class FMCW:
         return 1.0
 
     def from_spectrum(self, spectrum: Complex) -> Complex:
-        """Convert amplitudes at all frequencies to samples, shape (..., samples)."""
+        """Convert amplitudes at all frequencies to samples, shape (..., samples).
+
+        For waveforms with one frequency per sample, this returns the argument itself.
+        """
         return spectrum
 
     def to_spectrum(self, signal: Complex) -> Complex:
-        """Convert samples, shape (..., samples), to amplitudes at all frequencies."""
+        """Convert samples, shape (..., samples), to amplitudes at all frequencies.
+
+        For waveforms with one frequency per sample, this returns the argument itself.
+        """
         return signal
 
 
@@ -177,14 +183,14 @@ class Pulse(FMCW):
         return float(self.samples)
 
     def from_spectrum(self, spectrum: Complex) -> Complex:
-        """Convert amplitudes at all frequencies to samples in time.
+        """Convert amplitudes at all frequencies to samples in time, shape (..., samples).
 
         The largest sample of a single path equals its amplitude.
         """
         return np.fft.fft(spectrum) / self.samples
 
     def to_spectrum(self, signal: Complex) -> Complex:
-        """Convert samples in time to amplitudes at all frequencies."""
+        """Convert samples in time, shape (..., samples), to amplitudes at all frequencies."""
         return np.fft.ifft(signal) * self.samples
 
 
@@ -206,6 +212,11 @@ def parse_waveform(text: str | FMCW) -> FMCW:
         ``bursts`` instead of ``chirps``, the result is a :class:`SteppedFrequency`. With
         ``pulses``, it is a :class:`Pulse`, whose sampling rate may be omitted. A waveform is
         returned unchanged.
+
+    Returns
+    -------
+    FMCW
+        The waveform, of the class that the text specifies.
 
     Raises
     ------
@@ -240,7 +251,7 @@ def waveform_attrs(waveform: FMCW) -> dict[str, Any]:
 
 
 def waveform_of(cube: Any) -> FMCW:
-    """Return the waveform of a data cube; raise ArgumentError for other objects."""
+    """Return a new waveform from the attributes of a data cube; raise ArgumentError for others."""
     try:
         names = [field.name for field in fields(FMCW)]
         if tuple(cube["signal"].dims) == CUBE_DIMS:
@@ -317,7 +328,7 @@ def range_angle(
         Name of a window of ``scipy.signal.get_window``, which is applied over the array, the chirps
         and the samples.
     directions : int, default 257
-        Number of equally spaced direction cosines from -1 to 1.
+        Number of equally spaced direction cosines from -1 to 1, positive towards +x or +y.
     pad : int, default 1
         Number of bins per range resolution cell; values above 1 add zero padding.
 
@@ -436,7 +447,7 @@ def detections(
 
 
 def window_of(name: str, count: int) -> Floats:
-    """Return a symmetric window (count,) without zeros at its ends.
+    """Return a symmetric window (count,) without zeros at its ends, not normalised by its sum.
 
     Raises ArgumentError for unknown names.
     """
@@ -454,7 +465,8 @@ def _by_rate(cube: Any, window: str, pad: int) -> tuple[Complex, Floats, float]:
     """Transform a data cube from repetitions to range rates.
 
     Returns spectra (draw, receiver, emitter, rate, frequency), compensated for motion within
-    repetitions, range rates in m/s, and the gain of noise power.
+    repetitions, ascending range rates in m/s, and the factor by which the window changes the noise
+    power. ``pad``: number of bins per resolution cell.
     """
     waveform = waveform_of(cube)
     bins = waveform.chirps * checked_count(pad, "pad", 1, 64)

@@ -74,7 +74,10 @@ def check(source: Aperture | Slits | Array, points: int = 100, seed: int = 0) ->
 
 
 def _laws(source: Aperture | Slits | Array, points: int, seed: int) -> Iterator[Law]:
-    """Yield each law, with its two sides evaluated for a source at random arguments."""
+    """Yield each law, with its two sides evaluated for a source at random arguments.
+
+    Each item is (name, left side, right side, allowed absolute difference, arguments by name).
+    """
     form = normal_form(source)
     low, high = np.reshape(form.bounds, (2, -1))
     size = float(np.linalg.norm(high - low))

@@ -110,7 +110,10 @@ class Aperture(TakesWaves):
     def _mapped(
         self, image: Callable[[Ring], Ring], image_of_field: Callable[[Illumination], Illumination]
     ) -> Aperture:
-        """Apply a similarity transform to the outline, the segments and the field."""
+        """Return an aperture with a similarity transform of the outline, segments and field.
+
+        ``image`` maps vertices (n, 2), and ``image_of_field`` maps the illumination, if any.
+        """
         field = self.illumination
         parts, segments = (
             parts and [tuple(map(image, part)) for part in parts]
@@ -239,21 +242,29 @@ class Aperture(TakesWaves):
         return self._mapped(lambda ring: ring * size, lambda field: field.scaled(size))
 
     def __or__(self, other: Aperture) -> Aperture:
-        """Return the union of two apertures with equal fields."""
+        """Return the union of two apertures; raise IlluminationError if their fields differ."""
         return self._combined(shapely.union, other)
 
     def __and__(self, other: Aperture) -> Aperture:
-        """Return the intersection with another aperture, keeping this aperture's field."""
+        """Return the intersection with another aperture, keeping this aperture's field.
+
+        The other aperture must have no illumination or the same field, else IlluminationError is
+        raised. Raises GeometryError if the result is empty.
+        """
         return self._combined(shapely.intersection, other)
 
     def __sub__(self, other: Aperture) -> Aperture:
-        """Return the part of this aperture outside another one, keeping this aperture's field."""
+        """Return the part of this aperture outside another one, keeping this aperture's field.
+
+        Raises the same errors as ``&``.
+        """
         return self._combined(shapely.difference, other)
 
     def _combined(self, operation: Callable[..., Any], other: object) -> Aperture:
         """Return the result of a set operation of shapely, with the field of this aperture.
 
         Raises IlluminationError if the fields differ, and GeometryError if the result is empty.
+        Except in a union, the other aperture may also have no field.
         """
         if not isinstance(other, Aperture):
             return NotImplemented
@@ -422,7 +433,7 @@ class PlacedAperture(Immutable):
 
     @property
     def normal(self) -> NDArray[np.float64]:
-        """Unit normal, shape (3,), on the side to which the aperture radiates."""
+        """Unit normal in the world frame, shape (3,), on the side that the aperture radiates to."""
         return self.pose[:3, 2]
 
     @property
@@ -464,7 +475,7 @@ def automean(aperture: Aperture) -> Aperture:
     Returns
     -------
     Aperture
-        The automean.
+        The automean, without illumination.
 
     Raises
     ------
@@ -495,7 +506,10 @@ def automean(aperture: Aperture) -> Aperture:
 def _common_region(
     aperture: Aperture, *images: Callable[[Ring], Ring]
 ) -> shapely.Polygon | shapely.MultiPolygon:
-    """Return the intersection of two images of an aperture under maps of its vertices."""
+    """Return the intersection of two images of an aperture, each under a map of vertices (n, 2).
+
+    If the images do not overlap, the result is an empty MultiPolygon.
+    """
     _require_aperture(aperture)
     first, second = (shapely.transform(aperture.polygons, image) for image in images)
     parts = polygons_in(shapely.intersection(first, second))

@@ -56,9 +56,10 @@ Outline: TypeAlias = (
 
 
 def real_numbers(values: Any) -> NDArray[np.float64]:
-    """Return a float64 copy of real numbers.
+    """Return a float64 copy of real numbers, which may be NaN or infinite.
 
-    Raise ValueError for complex numbers, strings and masked elements.
+    Raise ValueError for complex numbers, booleans, strings, None, masked elements and lists of
+    different lengths.
     """
     if np.ma.is_masked(values):
         raise ValueError("masked elements; remove them")
@@ -77,7 +78,7 @@ def real_numbers(values: Any) -> NDArray[np.float64]:
 
 
 def shape_of(value: Any) -> str:
-    """Return the shape of an array or of nested lists, for messages."""
+    """Return the shape of an array or of nested lists as text, for messages."""
     try:
         return str(np.shape(value))
     except ValueError:
@@ -106,8 +107,9 @@ def real_array(
 ) -> NDArray[np.float64]:
     """Return a float64 copy of real numbers, whose shape must match one of ``shapes``.
 
-    In a shape, None matches any length above zero, and a leading ``...`` any number of axes. Error
-    messages start with ``expected``.
+    In a shape, None matches any length above zero, and a leading ``...`` any number of axes. NaN
+    and infinite numbers are accepted. Other values raise ``error``, with ``expected`` as the
+    beginning of the message.
     """
     try:
         array = real_numbers(values)
@@ -156,9 +158,9 @@ def complex_array(
 
 
 def checked_row(values: Any, expected: str) -> NDArray[np.float64]:
-    """Return one or more real numbers as an array of shape (k,).
+    """Return one or more real numbers, possibly NaN or infinite, as an array of shape (k,).
 
-    ``expected``: beginning of the error message.
+    Raises ArgumentError for other values. ``expected``: beginning of the error message.
     """
     return np.atleast_1d(real_array(values, expected, (), (None,)))
 
@@ -166,15 +168,18 @@ def checked_row(values: Any, expected: str) -> NDArray[np.float64]:
 def checked_vectors(
     values: Any, expected: str, last: tuple[int, ...], error: type[PolywignerError] = ArgumentError
 ) -> NDArray[np.float64]:
-    """Return an array of real numbers of shape (..., *last).
+    """Return an array of real numbers, possibly NaN or infinite, of shape (..., *last).
 
-    ``expected``: beginning of the error message.
+    Raises ``error`` for other values. ``expected``: beginning of the error message.
     """
     return real_array(values, expected, (..., *last), error=error)
 
 
 def checked_array(values: Any, name: str, dimension: int) -> NDArray[np.float64]:
-    """Return a non-empty array with ``dimension`` axes; raise ArgumentError for others."""
+    """Return a non-empty array with ``dimension`` axes; raise ArgumentError for others.
+
+    NaN and infinite numbers are accepted.
+    """
     expected = (
         f"expected {name} to be a non-empty array of real numbers with {dimension} dimensions"
     )
@@ -182,7 +187,10 @@ def checked_array(values: Any, name: str, dimension: int) -> NDArray[np.float64]
 
 
 def frozen(value: T) -> T:
-    """Return a value whose arrays, also in nested tuples, are read-only and contiguous."""
+    """Return a value whose arrays, also in nested tuples, are read-only and contiguous.
+
+    Arrays that are already contiguous are not copied but made read-only in place.
+    """
     result: Any = value
     if isinstance(value, tuple):
         result = tuple(map(frozen, value))
@@ -244,7 +252,8 @@ def checked_number(
 ) -> float:
     """Return a finite number that satisfies ``is_valid``; raise ArgumentError for other values.
 
-    The error message is "expected ``name`` to be ``meaning``".
+    Booleans, strings and complex numbers are rejected too. The error message is "expected ``name``
+    to be ``meaning``".
     """
     try:
         refused = isinstance(value, (str, bytes, bool)) or np.iscomplexobj(value)
@@ -288,7 +297,10 @@ def checked_callable(value: T, name: str) -> T:
 
 
 def checked_length(value: Any, name: str, zero: bool = False, meaning: str = "") -> float:
-    """Return a finite length above zero, or zero if allowed; raise ArgumentError for others."""
+    """Return a finite length above zero, or zero if allowed; raise ArgumentError for others.
+
+    ``zero``: whether zero is allowed. ``meaning``: expected value, for the error message.
+    """
     meaning = meaning or ("a length of at least zero" if zero else "a length above zero")
     return checked_number(value, name, meaning, lambda x: x > 0 or (zero and x == 0))
 
@@ -305,7 +317,10 @@ def checked_wavelength(value: Any) -> float:
 
 
 def checked_generator(seed: Any) -> np.random.Generator:
-    """Return NumPy's generator for a seed; raise ArgumentError for an invalid seed."""
+    """Return NumPy's generator for a seed; raise ArgumentError for an invalid seed.
+
+    A generator is returned unchanged. None results in a different generator at each call.
+    """
     try:
         return np.random.default_rng(seed)
     except (TypeError, ValueError):
@@ -326,7 +341,10 @@ def checked_count(value: Any, name: str, least: int, most: int = _LARGEST_COUNT)
 
 
 def checked_path(path: Any) -> Path:
-    """Return an absolute path; raise ArgumentError for other values."""
+    """Return a path, which need not exist, as an absolute path.
+
+    Raises ArgumentError for other values than nonempty text and path-like objects.
+    """
     try:
         text = os.fspath(path)
     except TypeError:
@@ -401,7 +419,11 @@ def _bounding_diagonal(source: Any) -> float | None:
 
 
 def warn_caller(message: str, stacklevel: int = 3) -> None:
-    """Issue a :class:`PolywignerWarning` at the line that called the public function."""
+    """Issue a :class:`PolywignerWarning` at the line that called the public function.
+
+    ``stacklevel``: as for :func:`warnings.warn`; 3 is the line that called the caller of this
+    function.
+    """
     warnings.warn(message, PolywignerWarning, stacklevel=stacklevel)
 
 
@@ -428,11 +450,12 @@ class _WithFrequency(Protocol[P, R]):
 
 
 def takes_frequency(function: Callable[P, R]) -> _WithFrequency[P, R]:
-    """Add a keyword ``frequency`` in Hz to a function with a parameter ``wavelength`` in m.
+    """Decorate a function of ``wavelength`` in m: add an alternative keyword ``frequency`` in Hz.
 
     Calls with this keyword omit the wavelength, even if the other arguments are positional:
-    ``radiation_pattern(source, theta, phi, frequency=77e9)``. The sources among the arguments are
-    converted to the wavelength, and implausible wavelengths cause a warning.
+    ``radiation_pattern(source, theta, phi, frequency=77e9)``. Calls with both raise ArgumentError.
+    The sources among the arguments are converted to the wavelength, and implausible wavelengths
+    cause a warning.
     """
     parameters = list(inspect.signature(function).parameters.values())
     position = [parameter.name for parameter in parameters].index("wavelength")
@@ -512,8 +535,8 @@ RIGID_TOLERANCE = 1e-4
 def rigid_pose(to_world: Any) -> NDArray[np.float64]:
     """Return the rigid pose (4, 4) nearest to a matrix: a rotation and a translation.
 
-    Deviations from a rotation up to 1e-4 are removed. Raises GeometryError if the matrix scales,
-    shears or mirrors.
+    Deviations from a rotation up to 1e-4 are removed. The result is read-only. Raises GeometryError
+    if the matrix scales, shears or mirrors.
     """
     expected = "expected to_world to be a (4, 4) matrix"
     pose = rigid_poses(finite_array(to_world, expected, (4, 4), error=GeometryError), "to_world")
@@ -522,7 +545,10 @@ def rigid_pose(to_world: Any) -> NDArray[np.float64]:
 
 
 def rigid_poses(values: Any, name: str) -> NDArray[np.float64]:
-    """Return the rigid poses (..., 4, 4) nearest to matrices; raise GeometryError if not rigid."""
+    """Return the rigid poses (..., 4, 4) nearest to matrices; raise GeometryError if not rigid.
+
+    Deviations from a rotation up to 1e-4 are removed. ``name``: argument name for the message.
+    """
     expected = (
         f"expected {name} to be rigid poses of shape (..., 4, 4), "
         "with rotation and translation only"
@@ -553,6 +579,7 @@ def rigid_poses(values: Any, name: str) -> NDArray[np.float64]:
 def in_place(path: Path) -> Iterator[Path]:
     """Yield a temporary path, whose file or folder replaces ``path`` at the end of the block.
 
+    If the block raises an exception, ``path`` stays unchanged. Missing parent folders are created.
     Raises ArgumentError if the path cannot be written to.
     """
     try:

@@ -100,7 +100,7 @@ class Silhouette:
 
     @classmethod
     def of(cls, parts: Sequence[Silhouette]) -> Silhouette:
-        """Concatenate silhouettes, without their planes."""
+        """Concatenate silhouettes, without their planes; the result counts as complete."""
         names = ("edges", "numbers", "bodies", "behind")
         columns: dict[str, Any] = {
             name: np.concatenate([getattr(part, name) for part in parts]) for name in names
@@ -117,7 +117,10 @@ class Silhouette:
         )
 
     def _lengths(self) -> tuple[Indices, Floats]:
-        """Return edge keys (k, 3), and for each key the total length and the centroid (k, 4)."""
+        """Return edge keys (k, 3), and for each key the total length and the centroid (k, 4).
+
+        A key consists of the edge number, the body and the face behind the edge.
+        """
         keys = np.column_stack([self.numbers, self.bodies, self.behind])
         unique, which = np.unique(keys, axis=0, return_inverse=True)
         length = np.linalg.norm(self.edges[:, 1] - self.edges[:, 0], axis=1)
@@ -127,7 +130,11 @@ class Silhouette:
         return unique, np.column_stack([sums[:, 0], sums[:, 1:] / sums[:, :1]])
 
     def subset(self, rows: NDArray[np.bool_], edges: Floats) -> Silhouette:
-        """Return the edges selected by a mask, shortened to ``edges`` (m, 2, 3)."""
+        """Return the edges selected by a mask (m,), shortened to their rows of ``edges`` (m, 2, 3).
+
+        ``edges`` has a row for each edge of this silhouette, selected or not. The result counts as
+        complete only if no edge is removed or shortened.
+        """
         is_closed = self.is_closed and np.array_equal(edges, self.edges) and bool(rows.all())
         names = ("numbers", "bodies", "behind", "planes")
         columns = {name: getattr(self, name)[rows] for name in names}
@@ -141,9 +148,9 @@ _NO_EDGES = Silhouette(np.empty((0, 2, 3)), _NONE, _NONE, _NONE)
 def net_contours(surface: Surface, observer: Floats, closed: float = 0.0) -> Silhouette:
     """Return the net contours of the visible parts of a surface.
 
-    ``surface``: the triangles that face the observer. ``closed``: approximate width up to which
-    slits between bodies have no contours. Raises ArgumentError if too many triangles overlap in
-    projection.
+    ``surface``: the triangles that face the observer. ``observer``: its position (3,).
+    ``closed``: approximate width, in the unit of the positions, up to which slits between bodies
+    have no contours. Raises ArgumentError if too many triangles overlap in projection.
     """
     figures = _projections(surface, observer)
     parts = [
@@ -153,7 +160,11 @@ def net_contours(surface: Surface, observer: Floats, closed: float = 0.0) -> Sil
 
 
 def _projections(surface: Surface, observer: Floats) -> Iterator[tuple[Projected, Surface]]:
-    """Yield projections of a surface onto one plane, or onto the six faces of a cube."""
+    """Yield projections of a surface onto one plane, or onto the six faces of a cube.
+
+    Each projection is a pair of the projected triangles and the same triangles in space, clipped to
+    the part of the surface that is in this projection.
+    """
     if not len(surface.faces):
         return
     corners = surface.corners - observer
@@ -177,7 +188,11 @@ def _projections(surface: Surface, observer: Floats) -> Iterator[tuple[Projected
 def _projected(
     surface: Surface, observer: Floats, frame: Floats, border: bool
 ) -> tuple[Projected, Surface]:
-    """Project a surface along the z axis of a frame; drop triangles of zero width."""
+    """Project a surface along the z axis of a frame; drop triangles of zero width.
+
+    ``frame``: x, y and z axes as rows. ``border``: whether sides on the border of the 90-degree
+    pyramid around the z axis are marked, so that they become no contours.
+    """
     corners = surface.corners - observer
     distance = float(np.exp(np.log(corners @ frame[2]).mean()))
     figure = in_perspective(corners, frame, distance, 1.0)
@@ -196,7 +211,10 @@ def _projected(
 
 
 def _clipped(surface: Surface, observer: Floats, frame: Floats) -> Surface:
-    """Clip a surface to the 90-degree pyramid around the z axis of a frame."""
+    """Clip a surface to the 90-degree pyramid around the z axis of a frame.
+
+    ``frame``: x, y and z axes as rows. Clipped triangles are divided into triangles.
+    """
     planes = np.array([[1.0, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1]]) @ frame
     heights: Floats = (surface.corners - observer) @ planes.T
     inside = np.asarray((heights >= 0.0).all(axis=(1, 2)))
@@ -346,6 +364,7 @@ class _Pairing:
         """Return the segments without a partner, and the nearer segments of all pairs.
 
         Pairs of segments at equal depth cancel, because the surfaces on both sides of them join.
+        Call this method only once, because it removes the paired intervals from ``free``.
         """
         s, bodies = self.segments, self.surface.bodies
         # Each piece: a segment, the start and end of an interval on it, and the segment behind it,
@@ -441,9 +460,10 @@ class _Pairing:
         return 1 if gap > 0 else -1
 
     def _depth(self, row: int, at: float) -> tuple[float, float]:
-        """Return the depth of a point on a segment, and the gradient of the depth.
+        """Return the depth of a point on a segment, and the slope of the depth.
 
-        ``at``: length from the start of segment ``row``. The gradient is 0 on a side of a triangle.
+        ``at``: length from the start of segment ``row``. The slope is |d/dx| + |d/dy| of the depth;
+        it is 0 on a side of a triangle, where the depth is interpolated along the side.
         """
         s = self.segments
         t, k = s.triangle[row], s.side[row]
@@ -490,7 +510,10 @@ def _cross_products(a: Floats, b: Floats) -> Floats:
 
 
 def _occur_in_both_directions(segments: _Segments) -> NDArray[np.bool_]:
-    """Return a mask (n,) of the segments whose reversed copies are also present."""
+    """Return a mask (n,) of the segments whose reversed copies are also present.
+
+    Only segments on the same mesh edge, with exactly equal ends, count as copies.
+    """
     edge, begin, end = segments.edge, segments.begin, segments.end
     order = np.argsort(edge, kind="stable")
     first, second = order[:-1], order[1:]

@@ -91,7 +91,11 @@ def convex_pieces(part: Part) -> list[Ring]:
 
 
 def mean_polygon(first: Ring, second: Ring) -> Ring:
-    """Return the convex polygon of all midpoints (a + b)/2 of two convex rings."""
+    """Return the convex polygon of all midpoints (a + b)/2 of two convex rings.
+
+    The rings (n, 2) and (m, 2) are counter-clockwise. The polygon (n + m, 2) may have collinear
+    vertices.
+    """
     rings, angles = [], []
     for ring in (first, second):
         lowest_first = np.roll(ring, -int(np.lexsort(ring.T)[0]), axis=0)
@@ -132,25 +136,28 @@ class Trapezoids(NamedTuple):
 
     @property
     def rows(self) -> NDArray[np.float64]:
-        """The six coordinates of each trapezoid, shape (n, 6)."""
+        """The six fields of each trapezoid, in their order, shape (n, 6)."""
         return np.stack(self, axis=-1)
 
     @property
     def corners(self) -> NDArray[np.float64]:
-        """Lower left, lower right, upper left and upper right corners, shape (n, 4, 2)."""
+        """Lower left, lower right, upper left, upper right corners in m, shape (n, 4, 2)."""
         x = np.stack([self.left, self.left + self.width] * 2, axis=-1)
         low, height = np.stack(self[4:], axis=-1), np.stack(self[2:4], axis=-1)
         return np.stack([x, np.concatenate([low, low + height], axis=-1)], axis=-1)
 
     @property
     def midpoints(self) -> NDArray[np.float64]:
-        """Centres of the trapezoids, shape (n, 2)."""
+        """Means of the four corners of each trapezoid in m, shape (n, 2); not the centroids."""
         height = self.height_left + self.height_right
         y = 0.5 * (self.low_left + self.low_right) + 0.25 * height
         return np.stack([self.left + 0.5 * self.width, y], axis=-1)
 
     def divided(self, count: int) -> Trapezoids:
-        """Divide each trapezoid into ``count`` x ``count`` pieces."""
+        """Divide each trapezoid into ``count`` strips of equal width, of ``count`` pieces each.
+
+        The result has count^2 n trapezoids; the index of the original trapezoid varies fastest.
+        """
         step = np.arange(count + 1) / count
         u, v = step[:, None, None], step[:-1, None]
         height = self.height_left + u * (self.height_right - self.height_left)
@@ -162,7 +169,11 @@ class Trapezoids(NamedTuple):
 
 
 def trapezoids(rings: Sequence[NDArray[np.float64]]) -> Trapezoids:
-    """Divide the region inside rings (n, 2) into trapezoids, from left to right."""
+    """Divide the region inside rings (n, 2) into trapezoids, from left to right.
+
+    The even-odd rule applies, so the orientation of rings does not matter. Trapezoids of less than
+    1e-12 of the total area are dropped.
+    """
     start = np.concatenate(rings)
     end = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
     rightwards = start[:, :1] <= end[:, :1]
@@ -178,7 +189,11 @@ def trapezoids(rings: Sequence[NDArray[np.float64]]) -> Trapezoids:
 def _slab(
     start: NDArray[np.float64], end: NDArray[np.float64], left: float, right: float
 ) -> NDArray[np.float64]:
-    """Return the trapezoids (k, 6) between two vertical lines, from bottom to top."""
+    """Return the trapezoids (k, 6) between two vertical lines, from bottom to top.
+
+    ``start`` and ``end`` (n, 2): left and right ends of all edges, none of which ends between the
+    lines x = ``left`` and x = ``right``. The columns are the fields of :class:`Trapezoids`.
+    """
     across = (start[:, 0] <= left) & (end[:, 0] >= right)
     a, b = start[across], end[across]
     slope = (b[:, 1] - a[:, 1]) / (b[:, 0] - a[:, 0])
@@ -194,8 +209,8 @@ def _slab(
 def point_in_trapezoid(ops: Any, row: Sequence[Any], u: Any, v: Any) -> tuple[Any, Any]:
     """Map uniform random numbers (u, v) in [0, 1] to uniform random points of a trapezoid.
 
-    ``row``: the six coordinates of the trapezoid. ``ops``: namespace of operations for the type
-    of the numbers.
+    Returns x and y. ``row``: the six fields of a :class:`Trapezoids` row. ``ops``: namespace of
+    operations for the type of the numbers.
     """
     left, width, height_left, height_right, low_left, low_right = row
     # Solves (h0 t + (h1 - h0) t^2 / 2) = u (h0 + h1) / 2 for t without cancellation.

@@ -68,7 +68,7 @@ class Projected:
         return np.asarray(np.stack([across, along], axis=1) / self.area[:, None])
 
     def subset(self, rows: NDArray[np.bool_]) -> Projected:
-        """Return the projections of the triangles selected by a mask (n,)."""
+        """Return the projections of the triangles selected by a mask (n,) or by indices."""
         return Projected(self.points[rows], self.depth[rows], self.size, self.ranges[rows])
 
 
@@ -77,7 +77,8 @@ def in_perspective(corners: Floats, frame: Floats, distance: float, size: float)
 
     ``frame``: x, y and z axes of the observer as rows, with z the line of sight. ``distance``:
     distance of the projection plane. ``size``: size of the body, relative to which small lengths
-    are negligible.
+    are negligible. The sign of y is reversed, so corners that the observer sees counter-clockwise
+    remain counter-clockwise. The depth is distance (1 - distance/z), which is linear in the plane.
     """
     x, y, z = np.moveaxis(corners @ frame.T, -1, 0)
     scale = distance / z
@@ -114,7 +115,10 @@ def _overlapping_pairs(projected: Projected, polygons: Shapes) -> tuple[Indices,
 
 
 def _are_separated(projected: Projected, one: Indices, other: Indices) -> NDArray[np.bool_]:
-    """Return a mask of pairs of triangles (m,) that a side of the first triangle separates."""
+    """Return a mask (m,) of the pairs of triangles that a side of the first triangle separates.
+
+    ``one`` and ``other`` (m,): indices of the triangles of each pair.
+    """
     apart = np.zeros(len(one), np.bool_)
     points, least = projected.points, NOTHING * projected.size
     for k in range(3):
@@ -183,9 +187,9 @@ def visible_parts(
     ``grid``: grid spacing, required if edges of illuminated parts coincide with edges of shadows,
     apart from rounding errors.
 
-    Returns the indices (m,) of the partly hidden triangles and their visible parts (m,). If two
-    triangles coincide, the first one hides the second one. Raises ArgumentError if too many
-    pairs of triangles overlap in projection.
+    Returns the indices (m,) of the partly hidden triangles and their visible parts (m,), which may
+    be empty; all other triangles are entirely visible. If two triangles coincide, the first one
+    hides the second one. Raises ArgumentError if too many pairs of triangles overlap in projection.
     """
     one, other = _overlapping_pairs(projected, polygons if boxes is None else boxes)
     hidden, before = np.concatenate([one, other]), np.concatenate([other, one])
@@ -205,6 +209,7 @@ def visible_parts(
 def in_triangles(shapes: Shapes, points: Floats, ranges: Floats) -> Shapes:
     """Convert shapes (m,) in the projection plane to barycentric coordinates of triangles.
 
+    The new coordinates are the weights of the second and third corners in space, not in projection.
     ``points``: corners (m, 3, 2) of the triangles. ``ranges`` (m, 3): see :class:`Projected`.
     """
     inverse = np.linalg.inv(np.stack([points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]], 2))
@@ -252,12 +257,19 @@ _ROUNDING = 1e-14
 
 
 def intersections(one: Shapes, other: Shapes, grid: float | None = None) -> Shapes:
-    """Return the intersections of pairs of polygons (m,), rounded to a grid of a given spacing."""
+    """Return the intersections of pairs of polygons (m,), empty polygons if there are none.
+
+    ``grid``: spacing of the grid to which vertices are rounded; None for no rounding.
+    """
     return _overlay(shapely.intersection, one, other, grid)
 
 
 def differences(one: Shapes, other: Shapes, grid: float | None = None) -> Shapes:
-    """Subtract the second polygon of each pair from the first one."""
+    """Return the first polygon of each pair without the second polygon, shape (m,).
+
+    ``grid``: spacing of the grid to which vertices are rounded; if None, vertices are rounded only
+    for pairs that would otherwise lose area.
+    """
     result = _overlay(shapely.difference, one, other, grid)
     if grid is None and len(one):
         common = _overlay(shapely.intersection, one, other, None)
@@ -286,7 +298,7 @@ def unions(polygons: Shapes, numbers: Indices, extent: float) -> Shapes:
 
 
 def mended(shapes: Shapes) -> Shapes:
-    """Repair polygons that rounding has made invalid."""
+    """Return shapes (m,) in which polygons that rounding has made invalid are repaired."""
     bent = ~shapely.is_valid(shapes)
     result, some = shapes.copy(), shapes[bent]
     methods: tuple[dict[str, Any], ...] = (
@@ -303,7 +315,10 @@ def mended(shapes: Shapes) -> Shapes:
 
 
 def polygonal(shapes: Any) -> Shapes:
-    """Remove lines and points from shapes (m,)."""
+    """Return a copy of shapes (m,) without lines and points.
+
+    Shapes without polygons become empty polygons; missing shapes (None) remain.
+    """
     result = np.array(shapes, dtype=object)
     kinds = shapely.GeometryType.POLYGON, shapely.GeometryType.MULTIPOLYGON
     mixed = ~np.isin(shapely.get_type_id(result), kinds) & ~shapely.is_missing(result)
@@ -341,7 +356,8 @@ def _retried(
     """Return the result of an operation; while GEOS fails, repeat it on coarser grids.
 
     ``compute``: function of the keyword ``grid_size``. ``shapes``: operands, whose extent sets the
-    grids. ``first``: first grid spacing.
+    grids. ``first``: first grid spacing, or None for no grid. Raises GEOSException if the coarsest
+    grid fails too.
     """
     extent = float(np.ptp(shapely.get_coordinates(shapes), axis=0).max(initial=0.0))
     *grids, last = first, *(size * extent for size in _GRIDS)

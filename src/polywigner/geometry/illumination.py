@@ -23,7 +23,10 @@ from polywigner.geometry.arguments import (
 
 
 def checked_shift(shift: Any, dimension: int, name: str = "a shift") -> NDArray[np.float64]:
-    """Return a translation, shape (dimension,); raise ArgumentError unless it is finite."""
+    """Return a translation, shape (dimension,), which may also be a number in one dimension.
+
+    Raises ArgumentError unless it has this shape and is finite. ``name``: name in the message.
+    """
     shapes = ((), (1,)) if dimension == 1 else ((dimension,),)
     expected = f"expected {name} of {dimension} finite numbers"
     return np.atleast_1d(finite_array(shift, expected, *shapes))
@@ -110,7 +113,7 @@ class Illumination(Immutable):
         return Illumination(self.amplitudes, turned_points(self.frequencies, angle))
 
     def scaled(self, factor: float) -> Illumination:
-        """Return the field scaled about the origin by a factor."""
+        """Return the scaled field u(x / factor), for a factor above zero."""
         size = checked_length(factor, "factor")
         with np.errstate(over="ignore"):
             return Illumination(self.amplitudes, self.frequencies / size)
@@ -217,7 +220,10 @@ def _checked_waves(
 def _merged_waves(
     amplitudes: NDArray[np.complex128], frequencies: NDArray[np.float64]
 ) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
-    """Merge waves of equal frequency, sort them, and drop waves whose amplitudes cancel."""
+    """Merge waves of equal frequency, sort them, and drop waves whose amplitudes cancel.
+
+    Raises IlluminationError if all waves cancel.
+    """
     distinct, number = np.unique(frequencies + 0.0, axis=0, return_inverse=True)
     total, size = np.zeros(len(distinct), np.complex128), np.zeros(len(distinct))
     np.add.at(total, number.ravel(), amplitudes)

@@ -56,7 +56,10 @@ def shifted(polygons: NDArray[Any], shifts: Ring) -> NDArray[Any]:
 
 
 def snapped(geometry: BaseGeometry, originals: Ring, distance: float) -> BaseGeometry:
-    """Move vertices to the nearest `originals` (n, 2) within `distance`, if the result is valid."""
+    """Return a geometry with vertices moved to the nearest `originals` (n, 2) within `distance`.
+
+    If the result would be invalid, the geometry is returned unchanged.
+    """
     tree = shapely.STRtree(shapely.points(originals))
 
     def moved(points: Ring) -> Ring:
@@ -73,7 +76,10 @@ def snapped(geometry: BaseGeometry, originals: Ring, distance: float) -> BaseGeo
 
 
 def straightened(geometry: BaseGeometry, distance: float) -> BaseGeometry:
-    """Drop vertices within a distance of the line between their neighbours, if still valid."""
+    """Drop vertices within a distance of the line between their neighbours, if still valid.
+
+    If no vertex can be dropped, the result is the same object.
+    """
     # Normalised, so that the result does not depend on the starting vertex.
     array = np.array(polygons_in(geometry), dtype=object)
     polygons = shapely.simplify(shapely.normalize(array), distance)
@@ -88,7 +94,10 @@ def _is_hairline(region: BaseGeometry, width: float) -> bool:
 
 
 def connected(count: int, first: NDArray[np.intp], second: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return labels (count,) of the connected components of a graph with edges (first, second)."""
+    """Return labels (count,) of the connected components of a graph with edges (first, second).
+
+    The label of a component is its smallest node number.
+    """
     labels = np.arange(count)
     while True:
         least = np.minimum(labels[first], labels[second])
@@ -129,7 +138,10 @@ def union_on_grid(
 def combined_on_grid(
     operation: Callable[..., BaseGeometry], first: BaseGeometry, second: BaseGeometry
 ) -> BaseGeometry:
-    """Apply a set operation of shapely; clean the result like :func:`union_on_grid`."""
+    """Apply a set operation of shapely; clean the result like :func:`union_on_grid`.
+
+    If no part of the result is wider than the grid, it is an empty MultiPolygon.
+    """
     points = shapely.get_coordinates([first, second])
     grid = grid_size(points)
     result = operation(first, second, grid_size=grid)
@@ -142,7 +154,7 @@ def _without_slivers(region: BaseGeometry, points: Ring, grid: float) -> BaseGeo
     """Return a region without polygons and holes thinner than the grid.
 
     Vertices near ``points`` (n, 2) become equal to them, and vertices on straight lines are
-    dropped.
+    dropped. If all polygons are thinner than the grid, they are kept.
     """
     polygons = []
     for polygon in polygons_in(region):
@@ -154,9 +166,10 @@ def _without_slivers(region: BaseGeometry, points: Ring, grid: float) -> BaseGeo
 
 
 def _welded(polygons: NDArray[np.object_]) -> NDArray[np.object_]:
-    """Make nearly equal vertices of polygons (n,) equal, and add vertices to edges they touch.
+    """Return polygons (n,) with nearly equal vertices made equal, and vertices on touched edges.
 
-    Vertices move by at most 64 ulp of the largest coordinate.
+    Vertices move by at most 64 ulp of the largest coordinate. Polygons that this would make invalid
+    stay unchanged.
     """
     coordinates, owner = shapely.get_coordinates(polygons, return_index=True)
     distance, points = rounding_tolerance(coordinates), shapely.points(coordinates)
@@ -222,7 +235,11 @@ def part_of_rings(
     name: str = "the polygon",
     remedy: str = "repair it with shapely.make_valid or shapely.difference",
 ) -> Part:
-    """Convert an exterior and its holes to a part; raise GeometryError if rings cross."""
+    """Convert an exterior and its holes, of any orientation, to a part.
+
+    Raises GeometryError if rings cross; ``remedy`` is the end of the message, ``name`` names the
+    polygon in it.
+    """
     outer, *holes = (
         part_of_ring(ring, f"hole {number} of {name}" if number else f"the exterior of {name}")[0]
         for number, ring in enumerate(rings)
@@ -309,7 +326,7 @@ def _winding_numbers(start: Ring, end: Ring, points: Ring) -> NDArray[np.int64]:
 def split_ring(vertices: Any, winding: str) -> list[Part]:
     """Return the parts inside a ring that may cross itself.
 
-    ``winding``: the fill rule, "nonzero" or "evenodd".
+    ``winding``: the fill rule, "nonzero" or "evenodd". Raises GeometryError if the area is zero.
     """
     checked_choice(winding, "winding", ("nonzero", "evenodd"))
     ring = clean_ring(vertices, "the ring")
@@ -324,7 +341,10 @@ def split_ring(vertices: Any, winding: str) -> list[Part]:
 
 
 def enclosed(rings: Sequence[Ring], winding: str) -> list[shapely.Polygon]:
-    """Return the polygons inside rings (n, 2), which may cross, under a fill rule."""
+    """Return the polygons inside rings (n, 2), which may cross, under a fill rule.
+
+    ``winding``: "nonzero" or "evenodd". The list is empty if the rings enclose no area.
+    """
     # The grid avoids hairline faces along a curve that is traversed twice with different rounding.
     points = np.concatenate(rings)
     following = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
@@ -349,7 +369,10 @@ def _is_ring(vertices: Any) -> bool:
 
 
 def parts_from(vertices: Any) -> list[Part]:
-    """Convert one ring (n, 2), a list of rings, or shapely polygons to parts."""
+    """Convert one ring (n, 2), a list of rings, or shapely polygons to parts, which may overlap.
+
+    Raises GeometryError for other arguments and invalid rings.
+    """
     if isinstance(vertices, (shapely.Polygon, shapely.MultiPolygon)):
         polygons = polygons_in(vertices)
         if not polygons:

@@ -169,7 +169,10 @@ def _checked_faces(faces: Any, count: int) -> tuple[tuple[int, ...], ...]:
 
 
 def _check_closed(faces: Sequence[tuple[int, ...]]) -> None:
-    """Raise GeometryError unless each directed edge occurs as often as its reverse."""
+    """Raise GeometryError unless each directed edge occurs as often as its reverse.
+
+    Faces that occur repeatedly raise it too.
+    """
     starts = [face.index(min(face)) for face in faces]
     canonical = Counter(f[k:] + f[:k] for f, k in zip(faces, starts, strict=True))
     repeated, count = next(iter(canonical.most_common(1)), ((), 0))
@@ -243,7 +246,10 @@ def _volume_inside(points: Vertices, faces: Sequence[Sequence[int]]) -> float:
 
 
 def normals_of(corners: Vertices) -> Vertices:
-    """Return normals (k, 3) of faces (k, n, 3), whose lengths are twice the areas."""
+    """Return normals (k, 3) of faces (k, n, 3), whose lengths are twice the areas.
+
+    A normal points to the side from which the corners are counter-clockwise.
+    """
     relative = corners - corners[:, :1]
     return np.cross(relative[:, :-1], relative[:, 1:]).sum(axis=1)
 
@@ -262,7 +268,7 @@ def heights_of(points: Vertices, faces: Sequence[Sequence[int]]) -> Vertices:
 
 
 def triangulate_faces(points: Vertices, faces: Sequence[Sequence[int]]) -> Indices:
-    """Return triangles (m, 3) that cover each face once, in the order of the faces.
+    """Return vertex indices (m, 3) of triangles that cover each face once, in the order of faces.
 
     Faces that are not convex become constrained Delaunay triangles. A face may contain an edge in
     both directions, as a bridge to a hole. Raises GeometryError if a face crosses itself.
@@ -383,7 +389,8 @@ def nesting_of(surfaces: Sequence[Vertices]) -> NDArray[np.bool_]:
 def _lies_inside(inner: Vertices, outer: Vertices) -> bool:
     """Return whether the triangles ``inner`` (m, 3, 3) lie inside the closed surface ``outer``.
 
-    About 16 of the triangles are tested, at their centroids.
+    About 16 of the triangles are tested, at their centroids. Centroids on the surface are ignored;
+    if all are on it, the result is False.
     """
     centroids = inner[:: max(1, len(inner) // _SAMPLES)].mean(axis=1)
     size = float(np.ptp(outer.reshape(-1, 3), axis=0).max())
@@ -402,7 +409,7 @@ def distances_from(corners: Vertices, points: Vertices) -> Vertices:
 
 
 def point_distances(points: Vertices, corners: Vertices) -> Vertices:
-    """Return the distances of points (..., 3) from triangles (..., 3, 3)."""
+    """Return the distances of points (..., 3) from triangles (..., 3, 3), which are broadcast."""
     best = np.array(np.inf)
     above = np.array(True)
     normal = np.cross(
@@ -423,7 +430,8 @@ def point_distances(points: Vertices, corners: Vertices) -> Vertices:
 def windings_about(points: Vertices, corners: Vertices) -> Vertices:
     """Return the winding numbers (n,) of a closed surface (m, 3, 3) about points (n, 3).
 
-    The numbers are sums of solid angles: 1/2 for points on a face. Source: A. Van Oosterom and J.
+    The numbers are sums of solid angles: 1 for points inside a surface whose corners are
+    counter-clockwise from outside, 1/2 for points on a face. Source: A. Van Oosterom and J.
     Strackee, "The solid angle of a plane triangle", 1983.
     """
     windings = np.empty(len(points))

@@ -30,7 +30,10 @@ _CROSS_ERROR = (3.0 + 16.0 * 2.0**-53) * 2.0**-53
 
 
 def area2(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> float:
-    """Return twice the signed area of the triangle (a, b, c); the sign is exact."""
+    """Return twice the signed area of the triangle (a, b, c), positive if it is counter-clockwise.
+
+    The sign is exact.
+    """
     first = (b[0] - a[0]) * (c[1] - a[1])
     second = (b[1] - a[1]) * (c[0] - a[0])
     value = first - second
@@ -85,7 +88,7 @@ def shoelace(rings: Iterable[Ring]) -> Fraction:
 
 
 def signed_area(ring: Ring) -> float:
-    """Return the signed area of one ring, with the exact sign."""
+    """Return the signed area of one ring, positive if counter-clockwise, with the exact sign."""
     x, y = (ring - ring[0]).T
     first, second = x[:-1] * y[1:], x[1:] * y[:-1]
     area = float((first - second).sum()) / 2
@@ -114,7 +117,10 @@ def sides_of(bounds: Sequence[float]) -> NDArray[np.float64]:
 
 
 def without_straight_vertices(ring: Ring) -> Ring:
-    """Drop vertices that lie exactly between their neighbours; keep the tips of spikes."""
+    """Drop vertices that lie exactly between their neighbours; keep the tips of spikes.
+
+    If fewer than three vertices would remain, the ring is returned unchanged.
+    """
     previous, following = np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0)
     is_forward = np.sum((ring - previous) * (following - ring), axis=1) > 0
     corners = ring[~(is_forward & (orientations(previous, ring, following) == 0))]
@@ -164,7 +170,11 @@ def part_of_polygon(polygon: shapely.Polygon) -> Part:
 
 
 def rings_of_polygon(polygon: shapely.Polygon, name: str = "the polygon") -> list[Ring]:
-    """Return the rings of a shapely Polygon, exterior first; heights must be zero."""
+    """Return the rings of a shapely Polygon, exterior first, with repeated first vertices.
+
+    Raises GeometryError if the polygon is empty or has nonzero heights. ``name``: name in the
+    message.
+    """
     if polygon.is_empty:
         raise GeometryError(f"expected {name} to have vertices, got an empty polygon")
     if shapely.has_z(polygon):
@@ -199,7 +209,10 @@ def plot_rings(rings: Sequence[Ring], ax: Axes | None, unit: str) -> Axes:
 
 
 def draw_rings(ax: Axes, rings: Sequence[Ring], metres: float, **style: Any) -> None:
-    """Draw closed rings in m as one patch with holes; ``metres``: unit of the axes in m."""
+    """Draw rings in m, which repeat their first vertex at the end, as one patch with holes.
+
+    ``metres``: unit of the axes in m. ``style``: arguments of matplotlib's PathPatch.
+    """
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path
 

@@ -58,7 +58,7 @@ def _require(fits: bool, expected: str, **got: Any) -> None:
 
 
 def _circle(radius: float, n: int) -> Ring:
-    """Return n equally spaced points (n, 2) on a circle around the origin."""
+    """Return n equally spaced points (n, 2) on a circle around the origin, from (radius, 0)."""
     angle = 2 * np.pi * np.arange(n) / n
     return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
@@ -76,14 +76,14 @@ def _box(x: float, y: float, width: float, height: float) -> list[tuple[float, f
 
 
 def rectangle(a: float, b: float) -> Aperture:
-    """Return a rectangle.
+    """Return a rectangle centred at the origin.
 
     Parameters
     ----------
     a : float
-        Width along x.
+        Width along x in metres.
     b : float
-        Height along y.
+        Height along y in metres.
 
     Returns
     -------
@@ -94,12 +94,12 @@ def rectangle(a: float, b: float) -> Aperture:
 
 
 def square(a: float) -> Aperture:
-    """Return a square.
+    """Return a square centred at the origin, with sides along x and y.
 
     Parameters
     ----------
     a : float
-        Side length.
+        Side length in metres.
 
     Returns
     -------
@@ -115,9 +115,9 @@ def triangle(base: float, height: float) -> Aperture:
     Parameters
     ----------
     base : float
-        Length of the side along x.
+        Length of the side along x in metres.
     height : float
-        Height along y.
+        Height along y in metres.
 
     Returns
     -------
@@ -136,7 +136,7 @@ def regular_polygon(n: int, radius: float) -> Aperture:
     n : int
         Number of vertices, at least 3.
     radius : float
-        Radius of the circumscribed circle.
+        Radius of the circumscribed circle in metres.
 
     Returns
     -------
@@ -152,7 +152,7 @@ def disc(radius: float, n: int = 64) -> Aperture:
     Parameters
     ----------
     radius : float
-        Radius of the disc.
+        Radius of the disc in metres.
     n : int, default 64
         Number of vertices, at least 3.
 
@@ -177,9 +177,9 @@ def ring(outer: float, inner: float, n: int = 64) -> Aperture:
     Parameters
     ----------
     outer : float
-        Radius of the outer disc.
+        Radius of the outer disc in metres.
     inner : float
-        Radius of the inner disc.
+        Radius of the inner disc in metres.
     n : int, default 64
         Number of vertices of each polygon, at least 3.
 
@@ -204,9 +204,9 @@ def star(points: int, outer: float, inner: float) -> Aperture:
     points : int
         Number of tips, at least 2.
     outer : float
-        Radius of the tips.
+        Radius of the tips in metres.
     inner : float
-        Radius of the inner corners.
+        Radius of the inner corners in metres.
 
     Returns
     -------
@@ -235,11 +235,11 @@ def chevron(width: float, height: float, thickness: float) -> Aperture:
     Parameters
     ----------
     width : float
-        Overall width along x.
+        Overall width along x in metres.
     height : float
-        Overall height along y.
+        Overall height along y in metres.
     thickness : float
-        Thickness of the bands along y.
+        Thickness of the bands along y in metres.
 
     Returns
     -------
@@ -257,10 +257,10 @@ def chevron_pair(
     Parameters
     ----------
     width, height, thickness : float
-        Sizes of each chevron, as for :func:`chevron`.
+        Sizes of each chevron in metres, as for :func:`chevron`.
     offset : array_like, shape (2,), optional
-        Displacement of the second chevron from the first. The default is 1.5 thicknesses along y,
-        so that one chevron follows the other at a distance of half a thickness.
+        Displacement of the second chevron from the first in metres. The default is 1.5 thicknesses
+        along y, so that one chevron follows the other at a distance of half a thickness.
 
     Returns
     -------
@@ -283,11 +283,11 @@ def vee(width: float, height: float, thickness: float) -> Aperture:
     Parameters
     ----------
     width : float
-        Overall width along x.
+        Overall width along x in metres.
     height : float
-        Overall height along y.
+        Overall height along y in metres.
     thickness : float
-        Thickness of the arms, measured across each arm.
+        Thickness of the arms in metres, measured across each arm.
 
     Returns
     -------
@@ -316,11 +316,11 @@ def u_shape(width: float, height: float, thickness: float) -> Aperture:
     Parameters
     ----------
     width : float
-        Overall width along x.
+        Overall width along x in metres.
     height : float
-        Overall height along y.
+        Overall height along y in metres.
     thickness : float
-        Thickness of the walls around the slot.
+        Thickness of the walls around the slot in metres.
 
     Returns
     -------
@@ -343,11 +343,11 @@ def bow_tie(width: float, height: float, gap: float = 0.0) -> Aperture:
     Parameters
     ----------
     width : float
-        Overall width along x.
+        Overall width along x in metres.
     height : float
-        Length of the outer sides along y.
+        Length of the outer sides along y in metres.
     gap : float, default 0.0
-        Distance between the tips; they touch if it is zero.
+        Distance between the tips in metres; they touch if it is zero.
 
     Returns
     -------
@@ -366,16 +366,21 @@ def double_slit(widths: ArrayLike, height: float, offsets: ArrayLike) -> Apertur
     Parameters
     ----------
     widths : float or array_like, shape (2,)
-        Width of each slit along x; one number for two equal slits.
+        Width of each slit along x in metres; one number for two equal slits.
     height : float
-        Length of the slits along y, centred at y = 0.
+        Length of the slits along y in metres, centred at y = 0.
     offsets : array_like, shape (2,)
-        Position of the centre of each slit along x.
+        Position of the centre of each slit along x in metres.
 
     Returns
     -------
     Aperture
         The slits.
+
+    Raises
+    ------
+    GeometryError
+        If the slits overlap.
     """
     y = _length(height, "height")
     return Aperture([_box(x, 0.0, width, y) for x, width in _two_slits(widths, offsets)])
@@ -395,9 +400,9 @@ def slit(width: float, offset: float = 0.0) -> Slits:
     Parameters
     ----------
     width : float
-        Width of the slit.
+        Width of the slit in metres.
     offset : float, default 0.0
-        Position of the centre.
+        Position of the centre in metres.
 
     Returns
     -------
@@ -415,9 +420,9 @@ def slit_pair(widths: ArrayLike, offsets: ArrayLike) -> Slits:
     Parameters
     ----------
     widths : float or array_like, shape (2,)
-        Width of each slit; one number for two equal slits.
+        Width of each slit in metres; one number for two equal slits.
     offsets : array_like, shape (2,)
-        Position of the centre of each slit.
+        Position of the centre of each slit in metres.
 
     Returns
     -------
@@ -440,9 +445,9 @@ def grating(count: int, width: float, pitch: float) -> Slits:
     count : int
         Number of slits.
     width : float
-        Width of each slit.
+        Width of each slit in metres.
     pitch : float
-        Distance between the centres of neighbouring slits, at least the width.
+        Distance between the centres of neighbouring slits in metres, at least the width.
 
     Returns
     -------
@@ -457,7 +462,10 @@ def grating(count: int, width: float, pitch: float) -> Slits:
 
 
 def _hexagon_centres(rings: int, centre: bool) -> list[tuple[int, int]]:
-    """Return the centres of honeycomb cells; the units are 3/2 sides in x and half heights in y."""
+    """Return the centres of honeycomb cells; the units are 3/2 sides in x and half heights in y.
+
+    ``rings``: number of rings around the central cell. ``centre``: whether to include that cell.
+    """
     columns = range(-rings, rings + 1)
     cells = [(q, 2 * r + q) for q in columns for r in columns if abs(q + r) <= rings]
     return [cell for cell in cells if centre or cell != (0, 0)]
@@ -471,9 +479,9 @@ def hexagonal_segments(
     Parameters
     ----------
     flat_to_flat : float
-        Height of each hexagon, whose flat sides face +y and -y.
+        Height of each hexagon in metres; its flat sides face +y and -y.
     gap : float, default 0.0
-        Distance between facing sides.
+        Distance between facing sides in metres.
     rings : int, default 2
         Number of rings. Two rings have 18 segments.
     centre : bool, default False
@@ -508,9 +516,9 @@ def interferometer(positions: ArrayLike, radius: float, n: int = 32) -> Aperture
     Parameters
     ----------
     positions : array_like, shape (m, 2)
-        Centres of the discs.
+        Centres of the discs in metres.
     radius : float
-        Radius of each disc, see :func:`disc`.
+        Radius of each disc in metres, see :func:`disc`.
     n : int, default 32
         Number of vertices of each disc.
 
@@ -518,6 +526,11 @@ def interferometer(positions: ArrayLike, radius: float, n: int = 32) -> Aperture
     -------
     Aperture
         The discs.
+
+    Raises
+    ------
+    GeometryError
+        If discs overlap.
     """
     shifts = finite_array(positions, "expected positions to be an (m, 2) array", (None, 2))
     circle = disc(radius, n).rings[0]

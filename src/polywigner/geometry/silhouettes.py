@@ -71,13 +71,19 @@ class Obstacle:
         return distances_from(self.vertices[self.triangles], points)
 
     def heights(self, source: Floats) -> Floats:
-        """Return the heights (t,) of a source point (3,) above the planes of the triangles."""
+        """Return the heights (t,) of a source point (3,) above the planes of the triangles.
+
+        They are positive for a source in front of a triangle.
+        """
         normals = self.normals / np.linalg.norm(self.normals, axis=1)[:, None]
         first = self.vertices[self.triangles[:, 0]]
         return np.asarray(np.einsum("tk,tk->t", normals[self.owner], source - first))
 
     def facing(self, source: Floats) -> Floats:
-        """Return 1 for triangles that face a source, -1 for plates whose back faces it, else 0."""
+        """Return 1 for triangles that face a source, -1 for plates whose back faces it, else 0.
+
+        ``source``: source point (3,). The result has the shape (t,).
+        """
         facing = np.sign(self.heights(source))
         return np.maximum(facing, 0.0) if self.is_solid else facing
 
@@ -89,7 +95,11 @@ class Obstacle:
         return self.vertices[keys[times == 1]] if (times == 1).any() else None
 
     def silhouette(self, source: Floats) -> Indices:
-        """Return the vertex indices (m, 2) of the silhouette edges for a source point (3,)."""
+        """Return the vertex indices (m, 2) of the silhouette edges for a source point (3,).
+
+        The edges run from the first to the second vertex, with the body on their left as seen from
+        the source.
+        """
         facing = self.facing(source)
         start, end = self.triangles.T.ravel(), np.roll(self.triangles, -1, axis=1).T.ravel()
         sign = np.where(start < end, 1.0, -1.0) * np.tile(facing, 3)
@@ -105,7 +115,8 @@ class Obstacle:
     def spanned(self, source: Floats) -> Obstacle:
         """Return a surface that spans the silhouette of a convex body; other bodies are unchanged.
 
-        The shadows for all points near the source then end at the same edges.
+        The shadows for all points near the source then end at the same edges. Only ``vertices`` and
+        ``triangles`` are replaced; ``owner`` and ``normals`` no longer match them.
         """
         ends = self.silhouette(source) if self.is_solid and self.is_simple else np.empty(0)
         if not len(ends):
@@ -115,15 +126,19 @@ class Obstacle:
         return replace(self, vertices=np.concatenate([self.vertices, [centre]]), triangles=fan)
 
     def outline(self, towards: Floats) -> Floats:
-        """Return the edges (m, 2, 3) of the silhouette for a distant source in a direction (3,)."""
+        """Return the edges (m, 2, 3) of the silhouette for a distant source in a direction (3,).
+
+        The direction points from the origin to the source and has any length.
+        """
         size = np.linalg.norm(self.vertices, axis=1).max()
         return self.vertices[self.silhouette(_AFAR * size / np.linalg.norm(towards) * towards)]
 
     def cut(self, origin: Floats, along: Floats) -> Floats:
         """Return the segments (k, 2, 2) in which the surface meets a plane.
 
-        The plane contains ``origin`` (3,) and the vectors ``along`` (2, 3). The segments are in
-        coordinates along these vectors.
+        The plane contains ``origin`` (3,) and the orthonormal vectors ``along`` (2, 3). The
+        segments are in coordinates along these vectors. A plate in the plane has its boundary as
+        segments.
         """
         normal = np.cross(*along)
         height = (self.vertices - origin) @ normal
@@ -141,7 +156,7 @@ class Obstacle:
 
 
 def obstacle_of(body: Polyhedron | PlacedAperture) -> Obstacle:
-    """Convert a body, or a plate in its pose, to triangles."""
+    """Convert a body, or a plate in its pose, to triangles in world coordinates in m."""
     if isinstance(body, PlacedAperture):
         flat, corners_of = triangulate(body.aperture)
         vertices = np.column_stack([flat, np.zeros(len(flat))])
@@ -159,7 +174,7 @@ def obstacle_of(body: Polyhedron | PlacedAperture) -> Obstacle:
 
 
 def shells(body: Obstacle) -> list[Obstacle]:
-    """Split a body into its connected surfaces."""
+    """Split a body into its connected surfaces; a plate stays one obstacle."""
     a, b, c = body.triangles.T
     label = connected(len(body.vertices), np.append(a, a), np.append(b, c))
     numbers = np.unique(label[a])
@@ -183,7 +198,7 @@ def is_convex(points: Floats, triangles: Indices, normals: Floats, error: float 
     No triangle may lie in front of a neighbour's plane, and all triangles must face away from the
     centre. Bodies that meet in one vertex fail the second condition, and so does a triangle without
     area, which could hide a concave edge. ``normals`` (t, 3): normals of the triangles, of any
-    length.
+    length. ``error``: accepted height in front of a plane, as a fraction of the size of the body.
     """
     outwards = points[triangles[:, 0]] - points[triangles].mean(axis=(0, 1))
     if not (np.einsum("tk,tk->t", outwards, normals) > 0.0).all():
@@ -201,13 +216,16 @@ def is_convex(points: Floats, triangles: Indices, normals: Floats, error: float 
 
 
 def bodies_if_any(bodies: Any) -> tuple[Polyhedron | PlacedAperture, ...]:
-    """Return the obstacles as a tuple, which is empty for None."""
+    """Return the obstacles as a tuple, which is empty for None and for an empty list.
+
+    Raises ArgumentError for other objects.
+    """
     is_none = bodies is None or (isinstance(bodies, (list, tuple)) and not bodies)
     return () if is_none else listed_bodies(bodies)
 
 
 def listed_bodies(bodies: Any) -> tuple[Polyhedron | PlacedAperture, ...]:
-    """Return one or several obstacles as a tuple; raise ArgumentError for other objects."""
+    """Return one or several obstacles as a tuple; raise ArgumentError for others and for none."""
     listed = tuple(bodies) if isinstance(bodies, (list, tuple)) else (bodies,)
     if not listed:
         raise ArgumentError(
@@ -228,7 +246,10 @@ def listed_bodies(bodies: Any) -> tuple[Polyhedron | PlacedAperture, ...]:
 
 
 def obstacles_of(bodies: Any, unit: float) -> Obstacles:
-    """Convert obstacles to triangles, with coordinates in units of ``unit`` metres."""
+    """Convert obstacles to triangles, with coordinates in units of ``unit`` metres.
+
+    Each connected surface of a body becomes one obstacle. Raises ArgumentError for other objects.
+    """
     surfaces = [shell for body in listed_bodies(bodies) for shell in shells(obstacle_of(body))]
     return Obstacles([replace(body, vertices=body.vertices / unit) for body in surfaces])
 
@@ -247,7 +268,8 @@ class Obstacles:
     def beyond(self, source: Floats, points: Floats) -> NDArray[np.bool_]:
         """Return a mask of the points (n, 3) beyond all bodies, as seen from a source point (3,).
 
-        Points in the cone opposite to the bodies are excluded.
+        These points are farther from the source than all vertices. Points in the cone opposite to
+        the bodies are excluded.
         """
         rays, (axis, angle) = points - source, _cone(self.vertices - source)
         away = np.linalg.norm(rays, axis=1)
@@ -280,14 +302,20 @@ class Obstacles:
         return replace(seen, planes=planes)
 
     def _mesh_silhouette(self, number: int, source: Floats) -> Silhouette:
-        """Return the silhouette of one body that no other body hides."""
+        """Return the silhouette, without planes, of one body that hides and is hidden by no other.
+
+        ``number``: index of the body.
+        """
         body = self.bodies[number]
         ends = body.silhouette(source)
         bodies, behind = np.full(len(ends), number), np.full(len(ends), -1)
         return Silhouette(body.vertices[ends], self._edge_numbers(number, ends), bodies, behind)
 
     def _bodies_that_hide_nothing(self, source: Floats) -> NDArray[np.bool_]:
-        """Return a mask of the bodies that hide no part of themselves or of another body."""
+        """Return a mask (k,) of the bodies that hide no part of themselves or of another body.
+
+        The mask also excludes all bodies whose cones from the source overlap another cone.
+        """
         cones = [_cone(body.vertices - source) for body in self.bodies]
         axes = np.array([axis for axis, _ in cones])
         angles = np.array([angle for _, angle in cones])
@@ -300,7 +328,10 @@ class Obstacles:
 
     @cached_property
     def contact(self) -> float:
-        """Largest distance at which two bodies count as in contact."""
+        """Largest distance at which bodies count as in contact, in the unit of the vertices.
+
+        The unit must be the wavelength.
+        """
         return max(_CLOSED, _ROUNDED * float(np.ptp(self.vertices, axis=0).max()))
 
     @cached_property
@@ -351,11 +382,14 @@ class Obstacles:
         return np.asarray(self._first_edges[number] + low * count + high)
 
     def body_of_face(self, faces: Indices) -> Indices:
-        """Return the index of the body to which each face belongs."""
+        """Return the index of the body to which each face in the list of all faces belongs."""
         return np.searchsorted(self._first_faces, faces, side="right") - 1
 
     def face_planes(self, source: Floats) -> Floats:
-        """Return the planes (f, 4) of all faces, with the source on their positive side."""
+        """Return the planes (a, b, c, d), shape (f, 4), of all faces, with unit normals (a, b, c).
+
+        The source (3,) is on the positive side: a x + b y + c z + d >= 0.
+        """
         rows = []
         for body in self.bodies:
             normals = body.normals / np.linalg.norm(body.normals, axis=1)[:, None]
@@ -368,9 +402,10 @@ class Obstacles:
         return np.concatenate(rows)
 
     def flush_with(self, body: int, plane: Floats, planes: Floats) -> Indices:
-        """Return the bodies in contact with a body that have a face in a plane (4,).
+        """Return the bodies connected by contacts to a body that have a face in a plane (4,).
 
-        ``planes`` (f, 4): planes of all faces.
+        ``body``: index of the body, which may be in the result. ``planes`` (f, 4): planes of all
+        faces. A body without contacts is returned even if it has no such face.
         """
         (group,) = np.nonzero(self.groups == self.groups[body])
         if len(group) == 1:
@@ -381,9 +416,10 @@ class Obstacles:
     def surface(
         self, numbers: Sequence[int], source: Floats, plane: Floats | None = None
     ) -> Surface:
-        """Return the triangles of some bodies that face a source.
+        """Return the triangles of the bodies ``numbers`` that face a source point (3,).
 
-        If ``plane`` (4,) is given, only triangles behind this plane are returned.
+        The triangles are counter-clockwise as seen from the source. With ``plane`` (4,), only
+        triangles behind (on the negative side of) this plane and not edge-on are returned.
         """
         parts = []
         for number in numbers:
@@ -448,7 +484,10 @@ class Obstacles:
 
 
 def _cone(points: Floats) -> tuple[Floats, float]:
-    """Return axis and half-angle of a cone around points (n, 3), with its apex at the origin."""
+    """Return axis and half-angle (rad) of a cone around points (n, 3), with its apex at the origin.
+
+    The half-angle is pi if it would be pi/2 or more.
+    """
     directions = points / np.linalg.norm(points, axis=1)[:, None]
     axis = directions.sum(axis=0)
     length = float(np.linalg.norm(axis))
@@ -464,7 +503,7 @@ def hits(corners: Floats, rays: Floats) -> Iterator[tuple[slice, Floats, Floats]
     """Intersect rays (k, 3) from the origin with triangles (t, 3, 3), in blocks of rays.
 
     Yields slices of the rays; intersections (k, t) as fractions of the ray lengths, infinite if a
-    ray misses a triangle; and the heights (t,) of the origin above the triangles.
+    ray misses a triangle; and the distances (t,) of the origin from the planes of the triangles.
     """
     a, b, c = np.moveaxis(corners, 1, 0)
     sides = [np.cross(b, c), np.cross(c, a), np.cross(a, b)]
@@ -506,7 +545,11 @@ def contacts(
 
 
 def _overlapping_boxes(boxes: Floats, others: Floats, within: float) -> tuple[Indices, Indices]:
-    """Return pairs of boxes (n, 2, 3), given by two corners, that are at most ``within`` apart."""
+    """Return indices (m,) and (m,) of pairs of boxes that are at most ``within`` apart.
+
+    A box (2, 3) is given by its lower and upper corners; the pairs consist of one of ``boxes``
+    (n, 2, 3) and one of ``others``.
+    """
     low, high = boxes[:, 0] - within, boxes[:, 1] + within
     tree = shapely.STRtree(shapely.box(*others[:, 0, :2].T, *others[:, 1, :2].T))
     one, other = tree.query(shapely.box(*low[:, :2].T, *high[:, :2].T))
@@ -534,7 +577,7 @@ def _near(one: Floats, other: Floats, within: float) -> Iterator[tuple[Floats, F
 
 
 def _are_near(one: Floats, other: Floats, within: float) -> bool:
-    """Return whether the triangles of any pair are at most ``within`` apart, or cross."""
+    """Return whether the triangles (n, 3, 3) of any pair are at most ``within`` apart, or cross."""
     is_near = any(
         (point_distances(np.moveaxis(corners, 1, 0), triangles) <= within).any()
         for corners, triangles in ((one, other), (other, one))
@@ -543,7 +586,7 @@ def _are_near(one: Floats, other: Floats, within: float) -> bool:
 
 
 def _cross(one: Floats, other: Floats, depth: float) -> NDArray[np.bool_]:
-    """Return a mask (n,) of the pairs of triangles that cross by more than ``depth``."""
+    """Return a mask (n,) of the pairs of triangles (n, 3, 3) that cross by more than ``depth``."""
     crosses = np.zeros(len(one), bool)
     for mine, theirs in ((one, other), (other, one)):
         a, b, c = np.moveaxis(theirs, 1, 0)

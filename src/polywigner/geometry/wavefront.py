@@ -228,7 +228,7 @@ class Wavefront(TakesWaves):
         self._set(source=source, curvature=q, centre=c, coherence_width=width, wavelength=length)
 
     def at_wavelength(self, wavelength: float) -> Wavefront:
-        """Return the source at another wavelength, with the curvature that its wave has there."""
+        """Return the source at another wavelength in m, with the curvature of its wave there."""
         length = checked_wavelength(wavelength)
         source = self.source.at_wavelength(length)
         if self.wavelength in (None, length):
@@ -264,7 +264,7 @@ class Wavefront(TakesWaves):
 
     @property
     def bounds(self) -> tuple[float, ...]:
-        """Bounds of the source in metres."""
+        """Bounds of the source in m: (xmin, ymin, xmax, ymax), or (start, end) for slits."""
         bounds: tuple[float, ...] = self.source.bounds
         return bounds
 
@@ -300,12 +300,18 @@ class Wavefront(TakesWaves):
         return self._with(source=source, centre=self.centre + moved)
 
     def moved(self, shift: ArrayLike) -> Wavefront:
-        """Return the source and its wave, translated by ``shift`` in metres, shape (d,)."""
+        """Return the source and its wave, translated by ``shift`` in metres, shape (d,).
+
+        Raises ArgumentError if the source is an array.
+        """
         offset = checked_shift(shift, self.dimension)
         return self._with(source=self._source_method("moved")(offset), centre=self.centre + offset)
 
     def turned(self, angle: float) -> Wavefront:
-        """Return the source and its wave, rotated about the origin by an angle in radians."""
+        """Return the source and its wave, rotated counter-clockwise about the origin.
+
+        The angle is in radians. Raises IlluminationError for slits, and ArgumentError for an array.
+        """
         if self.dimension != 2:
             raise IlluminationError("expected an aperture or an array to rotate, got slits")
         rotation = turned_points(np.eye(2), angle).T
@@ -316,7 +322,11 @@ class Wavefront(TakesWaves):
         )
 
     def scaled(self, factor: float) -> Wavefront:
-        """Return the source and its wave, scaled about the origin by a factor."""
+        """Return the source and its wave, scaled about the origin by a factor above zero.
+
+        The coherence width is scaled too, and the curvature is divided by factor^2. Raises
+        ArgumentError if the source has no method ``scaled``.
+        """
         size = checked_length(factor, "factor")
         return self._with(
             source=self._source_method("scaled")(size),
@@ -341,7 +351,11 @@ class Wavefront(TakesWaves):
 def _curvature_of(
     radius: float | Sequence[float], wavelength: float, dimension: int
 ) -> NDArray[np.float64]:
-    """Return the curvature matrix (d, d) in 1/m^2 for one radius, or one per axis, in m."""
+    """Return the curvature matrix (d, d) in 1/m^2 for one radius, or one per axis, in m.
+
+    Its diagonal is 1/(wavelength radius), and 0 for infinite radii. Raises ArgumentError for other
+    radii and wavelengths.
+    """
     length = checked_wavelength(wavelength)
     axes = "a number" if dimension == 1 else "a number or a pair (radius_x, radius_y)"
     expected = (

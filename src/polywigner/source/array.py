@@ -88,7 +88,11 @@ _SAME = 1e-12
 
 
 def _array_of_waves(elements: Sequence[Any], weights: Any) -> Wavefront:
-    """Combine elements with curved waves into a single curved wave on an array."""
+    """Combine elements with curved waves into a single curved wave on an array.
+
+    Raises IlluminationError if curvatures, coherence widths or wavelengths differ. Different
+    centres become plane waves of the elements.
+    """
     waves = [e if isinstance(e, Wavefront) else Wavefront(e) for e in elements]
     first = waves[0]
     curvatures = np.array([wave.curvature for wave in waves])
@@ -197,6 +201,9 @@ class Array(TakesWaves):
     def with_paths(self, paths: PathLengths | None) -> Array:
         """Return this array with its path lengths recorded, for conversion to other wavelengths.
 
+        The fields and weights do not change; they must contain the phases already. None removes the
+        record.
+
         Raises
         ------
         ArgumentError
@@ -210,6 +217,10 @@ class Array(TakesWaves):
         return Array._of(elements=self.elements, weights=self.weights, repeated=None, paths=paths)
 
     def at_wavelength(self, wavelength: float) -> Array:
+        """Return the array at another wavelength in m, with the phases of path lengths converted.
+
+        An array without ``paths`` is returned unchanged; see :meth:`Aperture.at_wavelength`.
+        """
         length = checked_wavelength(wavelength)
         paths = self.paths
         if paths is None or length == paths.wavelength:
@@ -242,7 +253,7 @@ class Array(TakesWaves):
 
     @cached_property
     def bounds(self) -> tuple[float, ...]:
-        """Bounds (xmin, xmax) of slits, (xmin, ymin, xmax, ymax) of apertures in the plane z = 0.
+        """Bounds in m: (xmin, xmax) of slits, (xmin, ymin, xmax, ymax) of apertures in z = 0.
 
         Raises
         ------
@@ -378,7 +389,7 @@ _ROWS = 32
 
 
 def warn_of_overlaps(array: Array) -> None:
-    """Warn if the areas of two elements of an array overlap."""
+    """Warn if the areas of two elements of an array overlap; not for elements in several planes."""
     if array.repeated is None:
         try:
             elements = array.elements_in_plane
@@ -462,6 +473,9 @@ def segmented_pupil(
     tilt: ArrayLike = 0.0,
 ) -> Array:
     """Return a pupil of segments with pistons and tilts.
+
+    The field of segment k, with its centroid c_k, is multiplied by
+    exp(2 pi i (piston_k + tilt_k.(x - c_k))/wavelength).
 
     Pistons and tilts are path lengths. Functions that take a wavelength (:func:`psf`, :func:`mtf`,
     :func:`irradiance` with its ``bandwidth``, ...) use the phases at that wavelength. Functions

@@ -41,7 +41,10 @@ class Lattice:
 
 
 def lattice_of(positions: Floats, weights: Complex) -> Lattice | None:
-    """Return the lattice of positions (n, 2); None if there is no lattice or it is nearly empty."""
+    """Return the lattice of positions (n, 2); None if there is no lattice or it is nearly empty.
+
+    A single position has no lattice, and neither have positions with other components than x and y.
+    """
     if positions.shape[1] != 2 or len(positions) < 2:
         return None
     extent = float(np.ptp(positions, axis=0).max())
@@ -78,7 +81,11 @@ def lattice_of(positions: Floats, weights: Complex) -> Lattice | None:
 
 
 def _basis_vectors(positions: Floats, extent: float) -> Floats | None:
-    """Return two basis vectors of the lattice of positions (n, 2) as rows, shape (2, 2)."""
+    """Return two basis vectors of the lattice of positions (n, 2) as rows, shape (2, 2).
+
+    Positions on a line get a second vector normal to the line. The result is None if all positions
+    coincide. ``extent``: size of the array.
+    """
     first = _shortest_difference(positions, extent, None)
     if first is None:
         return None
@@ -91,7 +98,8 @@ def _basis_vectors(positions: Floats, extent: float) -> Floats | None:
 def _shortest_difference(positions: Floats, extent: float, other: Floats | None) -> Floats | None:
     """Return the shortest difference of two positions that is not parallel to ``other``.
 
-    The x component of the vector is positive, or zero with a positive y component.
+    The x component of the vector is positive, or zero with a positive y component. The result is
+    None if there is no such difference.
     """
     best, length = None, np.inf
     # Equally spaced indices, because positions are usually ordered by rows.
@@ -114,7 +122,11 @@ def _shortest_difference(positions: Floats, extent: float, other: Floats | None)
 
 
 def _fitted_basis(basis: Floats, positions: Floats) -> Floats:
-    """Improve approximate basis vectors (2, 2) by a least-squares fit to all positions (n, 2)."""
+    """Return approximate basis vectors (2, 2), improved by a fit to all positions (n, 2).
+
+    The least-squares fit changes both vectors. For positions on a line, the argument is changed in
+    place and returned.
+    """
     steps = np.rint(np.linalg.solve(basis.T, (positions - positions[0]).T).T)
     if np.linalg.matrix_rank(steps - steps.mean(axis=0)) < 2:
         used = int(np.argmax(np.ptp(steps, axis=0)))
@@ -153,13 +165,19 @@ class Profile:
 
 
 def separated(weights: Complex) -> tuple[Profile, Profile] | None:
-    """Return two profiles whose product is the weights (n1, n2), or None if inseparable."""
+    """Return two profiles, along i and j, whose product is the weights (n1, n2); or None.
+
+    The result is None if the weights are not a product.
+    """
     factors = column_and_row(weights)
     return None if factors is None else (_profile_of(factors[0]), _profile_of(factors[1]))
 
 
 def column_and_row(weights: Complex, tolerance: float = _EQUAL) -> tuple[Complex, Complex] | None:
-    """Return factors (n1,) and (n2,) of weights (n1, n2); None if they are not a product."""
+    """Return factors (n1,) and (n2,) of weights (n1, n2); None if they are not a product.
+
+    ``tolerance``: accepted deviation, as a fraction of the largest weight.
+    """
     i, j = np.unravel_index(int(np.argmax(np.abs(weights))), weights.shape)
     row, column = weights[i, :], weights[:, j] / weights[i, j]
     if np.abs(np.outer(column, row) - weights).max() > tolerance * np.abs(weights[i, j]):
@@ -240,7 +258,10 @@ def joint_bounds(
 
 
 def checked_positions(positions: Any, components: tuple[int, ...]) -> Floats:
-    """Return finite positions (n, d) with d in `components`; (n,) counts as (n, 1)."""
+    """Return finite positions (n, d) with d in `components`; (n,) counts as (n, 1).
+
+    Raises ArgumentError for other values.
+    """
     expected = f"expected finite positions of shape {' or '.join(f'(n, {c})' for c in components)}"
     shapes: list[tuple[int | None, ...]] = [(None, c) for c in components]
     shapes += [(None,)] if 1 in components else []
@@ -251,14 +272,21 @@ def checked_positions(positions: Any, components: tuple[int, ...]) -> Floats:
 def checked_sites(
     positions: Any, weights: Any, dimension: int | None = None
 ) -> tuple[Floats, Complex]:
-    """Return read-only positions (n, d) and weights (n,). ``dimension`` is d, by default any."""
+    """Return read-only positions (n, d) and weights (n,). ``dimension`` is d, by default any.
+
+    Weights of None stand for 1. Raises ArgumentError for other positions, and IlluminationError for
+    other weights.
+    """
     positions = checked_positions(positions, (1, 2, 3) if dimension is None else (dimension,)) + 0.0
     positions.setflags(write=False)
     return positions, checked_weights(weights, len(positions))
 
 
 def checked_weights(weights: Any, count: int) -> Complex:
-    """Return read-only complex weights (n,); None stands for weights of 1."""
+    """Return read-only complex weights (count,); None stands for weights of 1.
+
+    Raises IlluminationError for other values, and if all weights are zero.
+    """
     expected = f"expected complex weights, one for each of the {count} elements"
     values = np.ones(count) if weights is None else weights
     array = complex_array(values, expected, (count,), error=IlluminationError)

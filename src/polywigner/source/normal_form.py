@@ -82,17 +82,17 @@ class SourceElement:
         return self.outline.rings
 
     def tilted(self, kappa: ArrayLike) -> SourceElement:
-        """Return the element multiplied by exp(2 pi i kappa.x), with kappa (d,)."""
+        """Return the element multiplied by exp(2 pi i kappa.x), with kappa (d,) in 1/m."""
         return replace(self, frequencies=self.frequencies + np.asarray(kappa, np.float64))
 
     def moved(self, shift: Floats) -> SourceElement:
-        """Return the element and its waves, shifted by a vector (d,) in the plane of its pose."""
+        """Return the element and its waves, shifted in its plane by a vector (d,) in m."""
         return replace(
             self, outline=self.outline.moved(shift), amplitudes=self.moved_amplitudes(shift)
         )
 
     def moved_amplitudes(self, shift: Floats) -> Complex:
-        """Return the amplitudes (m,) of the waves after a shift by a vector (d,)."""
+        """Return the amplitudes (m,) of the waves after a shift by a vector (d,) in m."""
         return self.amplitudes * shift_phases(self.frequencies, shift)
 
 
@@ -180,7 +180,10 @@ class Source:
 
     @cached_property
     def lattice(self) -> RepeatedElement | None:
-        """The elements as shifted copies of one element; None if they are not copies."""
+        """The elements as shifted copies of one element; None if they are not copies.
+
+        Fewer than 24 elements are not tested, and have None unless they are a phased array.
+        """
         if self.repeated is not None or len(self) < _LEAST_COPIES:
             return self.repeated
         try:
@@ -223,12 +226,15 @@ class Source:
 
     @cached_property
     def rings(self) -> tuple[Floats, ...]:
-        """Rings (n, 2) of all elements in the plane."""
+        """Rings (n, 2) of all elements in the plane z = 0.
+
+        Raises GeometryError for slits and for elements outside this plane.
+        """
         return tuple(ring for element in self.in_plane.elements for ring in element.rings)
 
     @cached_property
     def bounds(self) -> tuple[float, ...]:
-        """Bounds (xmin, xmax) of slits, (xmin, ymin, xmax, ymax) of apertures in the plane z = 0.
+        """Bounds in m: (xmin, xmax) of slits, (xmin, ymin, xmax, ymax) of apertures in z = 0.
 
         Raises GeometryError if an element does not lie in this plane.
         """
@@ -255,7 +261,10 @@ class Source:
         return self.with_elements(flat)
 
     def moved(self, shift: ArrayLike) -> Source:
-        """Return the source and its field, shifted by a vector (d,) in m."""
+        """Return the source and its field, shifted by a vector (d,) in m.
+
+        Raises GeometryError if an element does not lie in the plane z = 0.
+        """
         offset = np.asarray(shift, np.float64)
         if not offset.any():
             return self
@@ -267,7 +276,7 @@ class Source:
         return self.with_elements(elements, centre=centre)
 
     def with_weights(self, weights: ArrayLike) -> Source:
-        """Return the source with other weights (n,) of its elements."""
+        """Return the source with the weights of its elements replaced by ``weights`` (n,)."""
         factors = np.asarray(weights, np.complex128)
         if self.repeated is not None:
             return replace(self, content=replace(self.repeated, weights=factors))
@@ -275,7 +284,10 @@ class Source:
         return self.with_elements([replace(e, weight=w) for e, w in pairs])
 
     def tilted(self, kappa: ArrayLike) -> Source:
-        """Return the source multiplied by exp(2 pi i kappa.x), with kappa (d,)."""
+        """Return the source multiplied by exp(2 pi i kappa.x), with kappa (d,) in 1/m.
+
+        Raises GeometryError if an element does not lie in the plane z = 0.
+        """
         tilt = np.asarray(kappa, np.float64)
         if not tilt.any():
             return self

@@ -32,7 +32,7 @@ from polywigner.source.normal_form import (
 
 
 def direction_cosines(frequencies: Floats, wavelength: float) -> NDArray[np.complex128]:
-    """Return p = sqrt(1 - (wavelength |kappa|)^2) (...) for frequencies kappa (..., d): (D1).
+    """Return p = sqrt(1 - (wavelength |kappa|)^2), shape (...), for kappa (..., d) in 1/m: (D1).
 
     p is the cosine of the angle between a wave and the normal of the plane, and is positive
     imaginary for evanescent waves.
@@ -45,9 +45,10 @@ def direction_cosines(frequencies: Floats, wavelength: float) -> NDArray[np.comp
 def times_direction_cosine(
     source: PublicSource | Source, wavelength: float, constant: complex = 0.0
 ) -> PublicSource:
-    """Multiply the amplitudes c_m of a flat source by p_m + constant, with p_m as in (D1).
+    """Return a flat source with amplitudes c_m multiplied by p_m + constant, with p_m as in (D1).
 
-    Raises IlluminationError if all waves graze the plane, |kappa| = 1/wavelength.
+    A curvature and a partial coherence of the source are dropped. Raises IlluminationError if all
+    products are zero, as for waves that graze the plane, |kappa| = 1/wavelength.
     """
     length, form = checked_length(wavelength, "wavelength"), normal_form(source)
 
@@ -107,7 +108,10 @@ class Forms(NamedTuple):
         )
 
     def at_lags(self, q: Floats) -> Floats:
-        """Return the integral of g exp(i q s_x) over the directions s of a hemisphere, (n,)."""
+        """Return the integral of g exp(i q s_x) over the directions s of a hemisphere, (n,).
+
+        ``q`` (n,) above zero: distance of two points times 2 pi/wavelength.
+        """
         total = self.square * (np.sin(q) / q - np.cos(q)) / q**2 + self.constant * np.sin(q) / q
         if self.linear:
             count = int(np.ceil(q.max())) + 40
@@ -148,7 +152,8 @@ class Obliquity:
     def amplitude(self, cosine: Any, p: Any = 1.0) -> Any:
         """Return the factor of the field at a cosine of the angle to the normal.
 
-        ``p`` is the direction cosine of the wave in the aperture, (D1).
+        ``p`` is the direction cosine of the wave in the aperture, (D1). The factor of the paper is
+        the square root of the cosine for all waves.
         """
         if not self.is_boundary_condition:
             return np.sqrt(cosine)
@@ -198,7 +203,10 @@ _SAME_COSINE = 1e-13
 
 
 def obliquity_of(name: object) -> Obliquity:
-    """Return the obliquity with a given name; None means the default."""
+    """Return the obliquity with a given name; None means the default.
+
+    Raises ArgumentError for unknown names.
+    """
     if name is None:
         return OBLIQUITIES[DEFAULT]
     return OBLIQUITIES[checked_choice(name, "obliquity", OBLIQUITIES)]

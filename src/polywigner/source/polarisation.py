@@ -97,7 +97,10 @@ def _element_count(source: Any) -> int:
 
 
 def _vector_of_text(text: str) -> Complex:
-    """Return the Jones vector (2,) of a name such as "x", or of a slant such as "45 deg"."""
+    """Return the Jones vector (2,) of a name such as "x", or of a slant such as "45 deg".
+
+    Raises ArgumentError for other text.
+    """
     name = text.strip().lower()
     if name in _NAMED:
         return np.array(_NAMED[name], np.complex128)
@@ -122,7 +125,8 @@ def _error(value: Any, count: int) -> ArgumentError:
 def components(source: Any, polarisation: Complex) -> list[tuple[Any, Complex]]:
     """Return scalar sources u and vectors (2,); the sum of their products is the polarised field.
 
-    Elements with different polarisations need one source for each axis.
+    A polarisation (2,) results in the source itself. One polarisation for each element, (n, 2),
+    results in one source for each axis, x and y, without zero fields.
     """
     if polarisation.ndim == 1:
         return [(source, polarisation)]
@@ -234,6 +238,9 @@ def polarisation_name(polarisation: Complex) -> str:
 
 def polarisation_of_text(text: str, source: Any) -> Complex:
     """Parse Jones vectors in a scene: names, slants or "1, 0.5j", separated by ";".
+
+    Returns one unit vector (2,), or one for each element of ``source``, (n, 2), if they differ.
+    Raises ArgumentError for other text.
 
     Examples
     --------

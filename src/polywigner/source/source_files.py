@@ -69,7 +69,10 @@ class Context(NamedTuple):
     wavelength: float | None
 
     def path(self, name: str) -> Path:
-        """Return the path of a file; raise FileFormatError if it is outside the folder."""
+        """Return the path of a file, from its path relative to the folder.
+
+        Raises FileFormatError if the file is outside the folder, unless this is allowed.
+        """
         path = (self.folder / name).resolve()
         if self.allow_outside or path.is_relative_to(self.folder.resolve()):
             return path
@@ -99,7 +102,10 @@ class _Illuminated(Kind):
     illumination: FieldTable | NonEmpty[FieldTable] | None = None  # type: ignore[valid-type]
 
     def illuminated(self, outline: Any, kind: type, context: Context) -> Any:
-        """Return an outline of type ``kind`` with the field of this table, or raise an error."""
+        """Return an outline of type ``kind`` with the field of this table, if there is one.
+
+        Raises FileFormatError if the outline has another type.
+        """
         got = type(outline).__name__
         if got != kind.__name__:
             raise FileFormatError(f"shape: expected a shape of type {kind.__name__}, got {got}")
@@ -258,7 +264,11 @@ class FileContent(NamedTuple):
 
 
 def content_of(tables: Any, folder: Path, allow_outside: bool = False) -> FileContent:
-    """Convert the tables of a file to a source and its top-level settings."""
+    """Convert the tables of a file to a source and its top-level settings.
+
+    ``folder``: folder to which file names in the tables are relative. ``allow_outside``: whether
+    they may lie outside it.
+    """
     tables = converted(tables, dict[str, Any])
     at_top = {key: tables.pop(key) for key in Top.__struct_fields__ if key in tables}
     body, top = converted(tables, SourceTable), converted(at_top, Top)
@@ -399,7 +409,10 @@ def _parsed(text: str, suffix: str) -> Any:
 
 
 def table_of(source: Any) -> dict[str, Any]:
-    """Return the content of a source file for a source, made of dictionaries, lists and numbers."""
+    """Return the content of a source file for a source, made of dictionaries, lists and numbers.
+
+    Raises ArgumentError for other objects than sources.
+    """
     if not isinstance(source, Wavefront):
         return {"version": VERSION, **_flat_table(source)}
     wave = {"curvature": source.curvature.tolist(), "centre": source.centre.tolist()}

@@ -100,7 +100,10 @@ def converted(table: Any, kind: Any, strict: bool = True, key: str = "") -> Any:
 
 
 def wavelength_in(table: Any, default: float | None = None) -> float | None:
-    """Return the wavelength in m from the wavelength or frequency of a table, or the default."""
+    """Return the wavelength in m from the wavelength or frequency of a table, or the default.
+
+    Raises FileFormatError if the table has both.
+    """
     if table.frequency is not None and table.wavelength is not None:
         raise FileFormatError(
             "expected either a frequency or a wavelength, got both; remove one of them"
@@ -238,7 +241,10 @@ _EXPECTED = {
 
 
 def _table_of_text(name: str, text: str) -> dict[str, Any]:
-    """Return the table that is equivalent to a short string of the kind ``name``."""
+    """Return the table that is equivalent to a short string of the kind ``name``.
+
+    Raises QuantityError for other text.
+    """
     if name == "steering":
         return {"kind": name, **dict(zip(("theta", "phi"), parse_direction(text), strict=True))}
     if name == "focus":

@@ -34,7 +34,10 @@ _ADVICE = "divide the vector by its length"
 
 
 def checked_unit_vectors(name: str, vectors: Any) -> Floats:
-    """Return unit vectors (..., 3); raise ArgumentError if the length of a vector is not 1."""
+    """Return unit vectors (..., 3); raise ArgumentError if a length differs from 1 by over 1e-6.
+
+    The vectors are not normalised. ``name``: name in the message.
+    """
     expected = f"expected {name} to be unit vectors of shape (..., 3)"
     array = checked_vectors(vectors, expected, (3,))
     length = np.linalg.norm(array, axis=-1)
@@ -48,7 +51,10 @@ def checked_unit_vectors(name: str, vectors: Any) -> Floats:
 
 
 def unit_vector(direction: Any) -> Floats:
-    """Return a unit vector (3,) with z >= 0; raise ArgumentError for other vectors."""
+    """Return a unit vector (3,) with z >= 0; raise ArgumentError for other vectors.
+
+    Lengths may differ from 1 by 1e-6; the vector is not normalised.
+    """
     expected = "expected a direction as a unit vector of shape (3,)"
     vector = checked_unit_vectors("direction", finite_array(direction, expected, (3,)))
     if vector[2] < 0:
@@ -60,7 +66,10 @@ def unit_vector(direction: Any) -> Floats:
 
 
 def direction_of(theta: float, phi: float = 0.0) -> Floats:
-    """Return the unit vector at the polar angle theta and the azimuth phi, in radians."""
+    """Return the unit vector at the polar angle theta and the azimuth phi, in radians.
+
+    Raises ArgumentError for directions behind the aperture, |theta| > pi/2.
+    """
     sine = math.sin(theta)
     return unit_vector([sine * math.cos(phi), sine * math.sin(phi), math.cos(theta)])
 
@@ -69,7 +78,7 @@ def transverse(direction: Any) -> Floats:
     """Return the components of a direction along the aperture, shape (2,), or (1,) for slits.
 
     The direction is given as a unit vector (3,), as these components (2,), or as the sine of an
-    angle.
+    angle. Raises ArgumentError for other values, and for vectors behind the aperture.
     """
     expected = (
         "expected a direction as a unit vector of shape (3,), its components (2,) along the "
@@ -357,7 +366,10 @@ def _product_of_waves(along_x: _Waves, along_y: _Waves) -> Illumination:
 
 
 def _half_periods(number: int, size: float, sine: bool) -> _Waves:
-    """Return sin or cos of number pi (x/size + 1/2) as a sum of waves along x."""
+    """Return cos, or sin if ``sine``, of number pi (x/size + 1/2) as a sum of waves along x.
+
+    For the number 0, the result is the constant 1.
+    """
     if number == 0:
         return _CONSTANT
     phase = complex((1, 1j, -1, -1j)[number % 4])

@@ -103,7 +103,10 @@ def _spatial(points: Iterable[Any]) -> Points:
 
 
 def _elliptic_arc(centre: Points, u: Points, v: Points, start: float, end: float) -> Arc:
-    """Return an arc of an ellipse between two angles in radians; full if they are equal."""
+    """Return the counter-clockwise arc of an ellipse between two angles in radians.
+
+    ``u`` and ``v``: semi-axes (3,), as in :class:`Arc`. Equal angles result in the full ellipse.
+    """
     sweep = (end - start) % math.tau
     is_full = abs(math.remainder(sweep, math.tau)) <= _SAME * math.tau
     return Arc(centre, u, v, start, math.tau if is_full else sweep)
@@ -132,7 +135,11 @@ def _path_of(kind: str, item: Any) -> Path:
 
 
 def _path_of_bulges(rows: Points, is_closed: bool, height: float = 0.0) -> Path:
-    """Return the lines and arcs of a polyline, from rows (n, 3) of x, y and bulge."""
+    """Return the lines and arcs of a polyline, from rows (n, 3) of x, y and bulge.
+
+    A bulge is the tangent of a quarter of the sweep of the arc from its vertex to the next vertex,
+    positive for counter-clockwise arcs. ``height``: z coordinate.
+    """
     rows = np.concatenate([rows, rows[: int(is_closed)]])
     points, bulges = np.insert(rows[:, :2], 2, height, axis=1), rows[:-1, 2]
     if not bulges.any():
@@ -336,7 +343,12 @@ def _union_of_hatches(hatches: Sequence[_Shape], painted: Sequence[list[Ring]]) 
 
 
 def _closed_rings(paths: Sequence[Path], gap: float, tolerance: float | None) -> list[Ring]:
-    """Return rings (n, 2) of closed paths, and of chains of paths whose ends meet."""
+    """Return rings (n, 2) of closed paths, and of chains of paths whose ends meet.
+
+    ``gap``: largest distance between ends that meet; ``tolerance``: distance of chords from curves,
+    by default relative (:func:`allowed_distance`); both in the drawing's unit. Raises
+    FileFormatError if an open end does not meet exactly one other end.
+    """
     # Paths shorter than the gap count as points.
     paths = [path for path in paths if extent(_sample_points(path)) > gap]
     is_open = [extent(_ends(path)) > gap for path in paths]
@@ -362,6 +374,7 @@ def _closed_chains(tips: Sequence[Points], gap: float) -> list[list[tuple[int, b
     """Connect paths whose ends are at most `gap` apart into closed chains.
 
     ``tips``: ends (2, 3) of each path. A chain is a list of (path number, whether it is reversed).
+    Raises FileFormatError if an end does not meet exactly one other end.
     """
     if not tips:
         return []

@@ -97,7 +97,10 @@ def _statements(text: str) -> Iterator[tuple[str, int]]:
 
 
 def _checked_statements(text: str) -> tuple[str, str]:
-    """Return a Gerber file's statements as gerbonara accepts them, and the unit "MM" or "IN"."""
+    """Return a Gerber file's statements as gerbonara accepts them, and the unit "MM" or "IN".
+
+    Raises FileFormatError for unsupported statements and missing units.
+    """
     statements: list[str] = []
     unit = ""
     for statement, line in _statements(text):
@@ -207,7 +210,10 @@ class _Converter:
         self._flashes: dict[int, BaseGeometry] = {}
 
     def layers(self, item: Any) -> Layers:
-        """Yield the shapes of a graphical object, and whether they add or remove copper."""
+        """Yield pairs (whether the shape adds copper, shape) for a graphical object.
+
+        A shape that does not add copper removes it. Raises FileFormatError for unsupported objects.
+        """
         kind = type(item).__name__
         if kind == "Region":
             shapes = [self._region(item)]

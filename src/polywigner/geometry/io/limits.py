@@ -42,7 +42,7 @@ def check_bytes(size: int, largest: int, kind: str = "") -> None:
 
 
 def check_coordinates(points: NDArray[Any]) -> None:
-    """Raise FileFormatError for coordinates that are not finite or too large."""
+    """Raise FileFormatError for coordinates that are not finite or larger than 1e100."""
     # The condition is negated, so that NaN also raises an error.
     if not (np.abs(points) <= LARGEST_NUMBER).all():
         raise FileFormatError(
@@ -55,7 +55,10 @@ _NUMBER = re.compile(r"[-+.,;:\s0-9eE]{1,12}", re.ASCII)
 
 
 def token(text: str, known: tuple[str, ...] = ()) -> str:
-    """Return a token of a file for error messages; unknown text is replaced by its length."""
+    """Return the text for a token of a file in error messages.
+
+    Numbers and ``known`` words are quoted; other text is replaced by its length.
+    """
     if text in known or _NUMBER.fullmatch(text):
         return repr(text)
     return f"{len(text)} characters of text" if text else "nothing"
@@ -69,7 +72,10 @@ def check_regular(path: Path) -> None:
 
 
 def bytes_of(path: Path, largest: int = LARGEST_FILE) -> bytes:
-    """Return the content of a regular file of 1 to `largest` bytes."""
+    """Return the content of a regular file of 1 to `largest` bytes.
+
+    Raises FileFormatError for other files, and for files of blanks.
+    """
     try:
         check_regular(path)
         check_bytes(path.stat().st_size, largest)
@@ -82,7 +88,7 @@ def bytes_of(path: Path, largest: int = LARGEST_FILE) -> bytes:
 
 
 def text_of(content: bytes) -> str:
-    """Decode the text of a file in UTF-8."""
+    """Decode the text of a file in UTF-8; raise FileFormatError for binary data and blank text."""
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:

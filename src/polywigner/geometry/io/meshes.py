@@ -96,7 +96,10 @@ def _triangulated(mesh: Mesh) -> tuple[Points, NDArray[np.intp]]:
 
 
 def _welded(mesh: Mesh) -> Mesh:
-    """Merge vertices that differ only by rounding, and drop faces that have become lines."""
+    """Return a mesh with vertices merged that differ only by rounding, without degenerate faces.
+
+    Faces that have become lines or points are dropped.
+    """
     points = mesh.vertices + 0.0
     reach = _WELD * extent(points)
     if mesh.precision > _DOUBLE:
@@ -252,7 +255,10 @@ def _element_row(properties: list[Property], read: ReadNumbers) -> dict[str, Any
 
 
 def _text_reader(body: bytes) -> tuple[ReadNumbers, Callable[[], bool]]:
-    """Return a reader of numbers in text, and a test for the end of the text."""
+    """Return a reader of numbers in text, and a test for the end of the text.
+
+    The test consumes a number, so it comes after the last call of the reader.
+    """
     words = iter(body.split())
 
     def read(form: str) -> Sequence[Any]:
@@ -263,7 +269,10 @@ def _text_reader(body: bytes) -> tuple[ReadNumbers, Callable[[], bool]]:
 
 
 def _binary_reader(body: bytes, order: str) -> tuple[ReadNumbers, Callable[[], bool]]:
-    """Return a reader of binary numbers, and a test for the end of the data."""
+    """Return a reader of binary numbers, and a test for the end of the data.
+
+    ``order``: "<" for little-endian and ">" for big-endian numbers.
+    """
     position = 0
 
     def read(form: str) -> Sequence[Any]:

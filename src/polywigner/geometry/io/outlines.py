@@ -82,6 +82,8 @@ class Arc:
     def chords(self, distance: float) -> Points:
         """Return vertices (n, d) on the arc; a full ellipse becomes a polygon of the same area.
 
+        The chords are within ``distance`` of the arc.
+
         The polygon has n = 4 k corners and is scaled by a, with a^2 = x/sin(x) and x = 2 pi/n. Its
         corners lie outside the ellipse by less than 1.04 (pi/n)^2/3 of the semi-major axis, for n
         >= 8.
@@ -117,7 +119,10 @@ class Bezier:
         return Bezier(self.points @ matrix + offset)
 
     def chords(self, distance: float) -> Points:
-        """Return vertices (n, d) at equal steps; n is chosen from the second derivative."""
+        """Return vertices (n, d) at equal parameter steps; chords are within ``distance``.
+
+        The number of steps follows from a bound on the second derivative.
+        """
         degree = len(self.points) - 1
         second = np.linalg.norm(np.diff(self.points, 2, axis=0), axis=1).max(initial=0.0)
         return sampled(self, _chord_count(math.sqrt(degree * (degree - 1) / 8 * second / distance)))
@@ -270,7 +275,11 @@ def check_known(requested: Iterable[str], known: Iterable[str]) -> None:
 
 
 def filled(rings: Sequence[Ring], rule: str) -> list[Polygon]:
-    """Return the polygons that rings fill under the fill rule "nonzero" or "evenodd"."""
+    """Return the polygons that rings fill under the fill rule "nonzero" or "evenodd".
+
+    Rings with all vertices on one line are ignored, and the list may be empty. Rings of the result
+    may repeat their first vertex at the end.
+    """
     rings = [ring for ring in rings if len(ring) > 1 and hull_spans_area(ring)]
     if not rings:
         return []
@@ -289,7 +298,8 @@ def nesting_depths(rings: Sequence[Ring]) -> NDArray[np.intp]:
 def nested(rings: Sequence[Ring], union: bool = False) -> list[Polygon]:
     """Return polygons whose holes are the rings inside them; a ring in a hole is a new polygon.
 
-    With `union`, overlapping rings are joined first. Otherwise, overlaps raise a GeometryError.
+    With `union`, overlapping rings are joined first. Otherwise, overlaps raise a GeometryError, as
+    do rings that cross themselves.
     """
     is_simple = shapely.is_valid([shapely.Polygon(ring) for ring in rings])
     clean = [

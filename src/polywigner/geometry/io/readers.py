@@ -75,7 +75,7 @@ _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 
 
 def table_rows(text: str) -> list[tuple[int, list[str]]]:
-    """Return the line number and the columns of each line of a table; # starts a comment."""
+    """Return the line number and the columns of each nonblank line; # starts a comment."""
     lines = enumerate(text.splitlines(), start=1)
     return [(n, columns) for n, line in lines if (columns := _columns_of(line.split("#", 1)[0]))]
 
@@ -232,7 +232,10 @@ def _metres(unit: str | float) -> float:
 
 
 def _checked_layers(layer: Any) -> tuple[str, ...]:
-    """Return the names of requested layers as a tuple, which is empty for None."""
+    """Return the names of requested layers as a tuple, which is empty for None.
+
+    Raises ArgumentError for other values than names.
+    """
     layers = () if layer is None else (layer,) if isinstance(layer, str) else layer
     names = tuple(layers) if isinstance(layers, Iterable) else (layers,)
     if not all(isinstance(name, str) and name for name in names):
@@ -411,7 +414,10 @@ def read_sheets(path: str | os.PathLike[str], unit: str | float = "mm") -> list[
 def read_triangles(
     path: str | os.PathLike[str], unit: str | float
 ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Return vertices (n, 3) in metres and triangles (m, 3) of a mesh file."""
+    """Return vertices (n, 3) in metres and triangles (m, 3), as vertex indices, of a mesh file.
+
+    ``unit`` and errors are the same as for :func:`read_polyhedron`, but open meshes are accepted.
+    """
     return _read_mesh_file(path, unit, lambda vertices, triangles: (vertices, triangles))
 
 

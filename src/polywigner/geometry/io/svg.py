@@ -240,7 +240,10 @@ def _properties(element: Element) -> dict[str, str]:
 
 
 def _colour(style: Mapping[str, str]) -> tuple[str, float]:
-    """Return the hexadecimal colour of a fill and its opacity; gradients and patterns are black."""
+    """Return the hexadecimal colour of a fill and its opacity from 0 to 1.
+
+    Without a fill, the result is an empty text and 0. Gradients and patterns are black.
+    """
     text = style.get("fill", "black").strip().lower()
     if text == "currentcolor":
         text = style.get("color", "black").lower()
@@ -414,10 +417,10 @@ def _visible(painted: Sequence[list[Polygon]], is_white: Sequence[bool]) -> list
 
 
 def _unit_and_axes(root: Any, unit_metres: float) -> tuple[float, Points]:
-    """Return the unit of the file in metres, and the matrix that reverses y.
+    """Return the unit of the file in metres, and the matrix (3, 3) that reverses y.
 
     An absolute width or height is the size of the viewBox; without a viewBox, the unit is a CSS
-    pixel.
+    pixel. If neither is absolute, the unit is ``unit_metres``.
     """
     box, flip = _view_box(root), np.diag([1.0, -1.0, 1.0])
     scales = []
