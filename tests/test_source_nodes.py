@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,12 @@ def edges_at(z: float) -> np.ndarray:
 
 def points_of(side: float) -> list[RadiatingPoint]:
     return radiating_points(pw.shapes.rectangle(side, 0.6 * side), 1.0, RS1, 3e-4)
+
+
+def square_at(side: float, z: float) -> Any:
+    pose = np.eye(4)
+    pose[2, 3] = z
+    return pw.shapes.square(side).placed(pose)
 
 
 def test_waves_of_nodes_are_the_wave_of_the_source() -> None:
@@ -75,19 +82,30 @@ def test_points_share_a_silhouette_that_moves_with_none_of_them(is_above: bool) 
 
 
 def test_pieces_of_an_edge_are_joined_and_nodes_have_edges_in_common() -> None:
-    def square(side: float, z: float) -> Any:
-        pose = np.eye(4)
-        pose[2, 3] = z
-        return pw.shapes.square(side).placed(pose)
-
     # The floor is wide, so that its edges need six pyramids.
-    bodies = obstacles_of([square(25.0, 47.0), square(630.0, 94.0)], 1.0)
+    bodies = obstacles_of([square_at(25.0, 47.0), square_at(630.0, 94.0)], 1.0)
     nodes = nodes_for(points_of(3.0), bodies.silhouette(np.zeros(3)).edges)
     seen = [bodies.silhouette(position) for position in nodes.positions]
     assert max(len(silhouette.edges) for silhouette in seen) > 8
     tables = edge_tables(bodies, nodes, seen, 1e-5)
     assert len(tables.edges) == 8
     assert (tables.edges[:, 10:12] == [0, len(nodes.positions)]).all()
+
+
+def test_edges_without_length_in_single_precision_are_dropped() -> None:
+    """The waves of such edges would be NaN in compiled kernels."""
+    bodies = obstacles_of([square_at(250.0, 470.0)], 1.0)
+    nodes = nodes_for(points_of(3.0), bodies.silhouette(np.zeros(3)).edges)
+    seen = [bodies.silhouette(position) for position in nodes.positions]
+    full = seen[4]
+    corner = full.edges[:1, :1] * [[[1.0], [1.0 + 1e-10]]]
+    columns = {
+        name: np.concatenate([getattr(full, name), getattr(full, name)[:1]])
+        for name in ("numbers", "bodies", "behind", "planes")
+    }
+    seen[4] = replace(full, edges=np.concatenate([full.edges, corner]), **columns)
+    ends = edge_tables(bodies, nodes, seen, 1e-5).ends.astype(np.float32)
+    assert (ends[:, :3] != ends[:, 3:6]).any(axis=1).all()
 
 
 @pytest.mark.drjit

@@ -242,7 +242,7 @@ def _edges_by_nodes(
 def _joined(
     silhouettes: Sequence[Silhouette], groups: Sequence[Indices]
 ) -> tuple[Indices, Floats, Floats, Indices]:
-    """Join adjacent pieces of mesh edges in front of the same face.
+    """Join adjacent pieces of mesh edges in front of the same face, and drop edges without length.
 
     Returns indices of silhouettes (m,), ends (m, 2, 3), planes (m, 4), and labels (m, 5): mesh
     edge, body, direction along _AXIS, face behind the edge, and group.
@@ -261,7 +261,10 @@ def _joined(
     adjoins &= (view[1:] == view[:-1]) & (labels[1:] == labels[:-1]).all(axis=1)
     first, last = np.append(True, ~adjoins)[: len(ends)], np.append(~adjoins, True)[: len(ends)]
     ends = np.stack([ends[first, 0], ends[last, 1]], axis=1)
-    return view[first], ends, planes[first], labels[first]
+    view, planes, labels = view[first], planes[first], labels[first]
+    # Kernels compute in single precision, in which an edge without length has no direction.
+    has_length = (np.diff(ends.astype(np.float32), axis=1) != 0.0).any(axis=(1, 2))
+    return view[has_length], ends[has_length], planes[has_length], labels[has_length]
 
 
 def _positions_along(ends: Floats, side: int) -> Floats:
