@@ -70,7 +70,7 @@ class DrjitOperations(RowByRow):
         columns = [array_of(real, column) for column in zip(*rows, strict=True)]
 
         def of_row(index: Any) -> Values:
-            """Return the term of the row with an index."""
+            """Return the term of the row at an index."""
             return term(*(dr.gather(real, column, index) for column in columns))
 
         return self.plain_sum(0, len(rows), of_row, values)
@@ -128,7 +128,7 @@ class DrjitOperations(RowByRow):
         return self._dr.select(condition, self._typed(a), self._typed(b))
 
     def snapped(self, a: Any, step: float) -> Drjit:
-        """Return ``a``, rounded to a multiple of ``step``, with the derivative of ``a``."""
+        """Return ``a`` rounded to a multiple of ``step``; its derivative is that of ``a``."""
         return a + self._dr.detach(self._dr.round(a * (1 / step)) * step - a)
 
     def fma(self, a: Any, b: Any, c: Any) -> Drjit:

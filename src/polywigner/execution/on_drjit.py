@@ -485,7 +485,7 @@ class _DataFrame(Frame):
 
 
 def with_frame_as_data(ops: DrjitOperations, tables: Any) -> Tables:
-    """Return tables whose frame has its centre in memory instead of in the compiled code."""
+    """Return tables whose centre is read from memory instead of being compiled into the code."""
     centre = _centre_in_memory(ops, tables.frame)
     return replace(tables, frame=_frame_as_data(ops, tables.frame, centre))
 

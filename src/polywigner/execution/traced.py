@@ -123,7 +123,7 @@ class _Accumulator:
         return gradient * Pair(x, y) + of_conjugate * Pair(x, -y)
 
     def _looked_up(self, pair: Any, number: Any) -> tuple[Any, Any]:
-        """Return the two numbers of a vertex or weight with an index."""
+        """Return the two numbers of the vertex or weight at an index."""
         import drjit as dr
 
         if isinstance(pair[0], tuple):

@@ -40,8 +40,8 @@ _DASHES = ("-", "--", "-.", ":")
 _PANELS: dict[str, tuple[float, float]] = {
     "cuts": (4.6, 3.4), "polar": (3.6, 3.4), "uv": (3.8, 3.4), "table": (5.0, 3.4),
 }  # fmt: skip
-_LEAST_MERIDIANS = 8  # smallest number of angles phi for a map over u and v
-_MOST_CUTS = 4  # largest number of cuts of a tolerance analysis
+_LEAST_MERIDIANS = 8  # smallest number of phi angles for a map over u and v
+_MOST_CUTS = 4  # largest number of cuts in a tolerance analysis
 
 
 @style.typeset
@@ -62,13 +62,13 @@ def draw_pattern(
     pattern : xarray.Dataset
         Result of :func:`polywigner.radiation_pattern`.
     panels : sequence of {"cuts", "polar", "uv", "table"}, optional
-        Panels to draw; "uv" is a map over direction cosines and requires at least eight angles phi.
+        Panels to draw; "uv" is a map over direction cosines and requires at least eight phi angles.
         The default is all panels for which the pattern has enough angles.
     cuts : {"beam", "principal"} or sequence of xarray.Dataset, optional
         "beam": two orthogonal great circles through the beam, over the angle from the beam, as in
         :func:`polywigner.beam_cuts`. "principal": the meridians nearest to the x and the y axis. A
         sequence contains results of :func:`polywigner.beam_cuts`, or patterns whose meridians are
-        drawn. The default is "beam" if the pattern has angles phi around the full circle, otherwise
+        drawn. The default is "beam" if the pattern has phi angles around the full circle, otherwise
         "principal".
     metrics : BeamMetrics, optional
         Metrics in the table, by default the result of :func:`polywigner.beam_metrics`. The table
@@ -131,8 +131,8 @@ def _panel_names(panels: Sequence[str] | None, meridians: int) -> list[str]:
         raise ArgumentError("panels must contain at least one name, got an empty sequence")
     if "uv" in names and meridians < _LEAST_MERIDIANS:
         raise ArgumentError(
-            f"the panel 'uv' requires at least {_LEAST_MERIDIANS} angles phi, got {meridians}; "
-            "pass more angles phi to radiation_pattern, or omit this panel"
+            f"the panel 'uv' requires at least {_LEAST_MERIDIANS} phi angles, got {meridians}; "
+            "pass more phi angles to radiation_pattern, or omit this panel"
         )
     return list(dict.fromkeys(names))
 
@@ -163,7 +163,7 @@ def _drawn_cuts(
     if cuts == "beam":
         raise ArgumentError(
             "cuts through the beam require a pattern over phi around the full circle, got "
-            f"{pattern.sizes['phi']} angles phi; pass cuts=[polywigner.beam_cuts(...)]"
+            f"{pattern.sizes['phi']} phi angles; pass cuts=[polywigner.beam_cuts(...)]"
         )
     meridians = cuts_in(pattern)
     first, second = (
@@ -296,7 +296,7 @@ def draw_tolerance(
     ------
     ArgumentError
         If ``tolerance`` is not a result of array_tolerance, there are too many cuts or fewer than
-        two angles theta, or ``figure`` has another type.
+        two theta angles, or ``figure`` has another type.
     """
     check_floor(floor_db)
     axes_of = {"theta": "theta", "phi": "phi"}
@@ -306,8 +306,8 @@ def draw_tolerance(
     cuts = list(zip(*(cuts_of(angles, phi, part) for angles, part in fronts), strict=True))
     if len(theta) < 2 or not 1 <= len(cuts) <= _MOST_CUTS:
         raise ArgumentError(
-            f"expected one to {_MOST_CUTS} cuts with at least two angles theta, got {len(cuts)} "
-            f"cuts with {len(theta)} angles theta; change the angles of array_tolerance"
+            f"expected one to {_MOST_CUTS} cuts with at least two theta angles, got {len(cuts)} "
+            f"cuts with {len(theta)} theta angles; change the angles of array_tolerance"
         )
     high = float(levels[0].max())
     drawn = style.figure_on(figure, 5.4 * len(cuts), 3.9, title, spacing=0.05)

@@ -302,7 +302,7 @@ class Obstacles:
         return replace(seen, planes=planes)
 
     def _mesh_silhouette(self, number: int, source: Floats) -> Silhouette:
-        """Return the silhouette, without planes, of one body that hides and is hidden by no other.
+        """Return the silhouette of a body that neither hides another body nor is hidden; no planes.
 
         ``number``: index of the body.
         """

@@ -368,7 +368,7 @@ def _curvature_of(
 
 
 def _checked_width(value: Any, name: str) -> float:
-    """Return a coherence width above zero, possibly infinite; raise ArgumentError for others."""
+    """Return a coherence width, which may be infinite; raise ArgumentError unless it is above 0."""
     if np.isscalar(value) and value == np.inf:
         return math.inf
     return checked_length(value, name)

@@ -334,7 +334,7 @@ def _enter(ops: Any, frame: LinearFrame, *nu: Any) -> Values:
 
 
 def _sum(ops: Any, tables: _Tables, cycles: Any, *inner: Any) -> Values:
-    """Return the real part and minus the imaginary part of the array factor."""
+    """Return the real part and the negated imaginary part of the array factor."""
 
     def term(*row: Any) -> Values:
         *coordinates, real, imag = row

@@ -354,7 +354,7 @@ def _wigner_sum(ops: Any, tables: PairTables, *samples: Any) -> Values:
 
 
 def _ambiguity_sum(ops: Any, tables: PairTables, cycles: Any, *samples: Any) -> Values:
-    """Return the real part and minus the imaginary part of A, a sum over pairs of elements."""
+    """Return the real part and the negated imaginary part of A, a sum over pairs of elements."""
     real, imag = _sum(ops, tables, 2, samples)
     return real, -imag
 

@@ -58,7 +58,7 @@ def fresnel_tail(t: Floats, side: Any = 0.0) -> tuple[NDArray[Any], NDArray[Any]
     return step, (t / (_A * _TURN)) * (square * real + 1j * imag)
 
 
-# A Gauss rule with 8 nodes integrates up to _FEW_CYCLES cycles of phase with rounding errors only.
+# A Gauss rule with 8 nodes is accurate to rounding errors for up to _FEW_CYCLES phase cycles.
 # For more cycles, differences of Fresnel integrals lose at most one digit.
 _RULE, _FEW_CYCLES = legendre.leggauss(8), 1 / 16
 # Phase over the longest interval [half cycles] below which a curvature is treated as 0.

@@ -99,7 +99,7 @@ class CutMetrics:
 
 @dataclass(frozen=True)
 class BeamMetrics:
-    """Data-sheet numbers of the main beam of a pattern; ``str()`` returns a table.
+    """Data-sheet values of the main beam of a pattern; ``str()`` returns a table.
 
     Examples
     --------
@@ -248,7 +248,7 @@ def beam_metrics(
     Raises
     ------
     ArgumentError
-        If ``pattern`` is not a pattern over theta and phi with at least three angles theta in
+        If ``pattern`` is not a pattern over theta and phi with at least three theta angles in
         front of the plane, or if ``power`` or ``efficiency`` is out of range.
 
     Warns
@@ -269,7 +269,7 @@ def beam_metrics(
     lines = cuts_in(pattern)
     if len(lines[0].angles) < 3:
         raise ArgumentError(
-            "beamwidths require at least three angles theta in front of the plane, got "
+            "beamwidths require at least three theta angles in front of the plane, got "
             f"{len(lines[0].angles)}; use about ten angles within the main beam"
         )
     about = {name: float(pattern.attrs[name]) for name in _NUMBERS}
@@ -309,14 +309,14 @@ def _warn_of_samples(
         warn_caller(
             f"the angular step of {_degrees(step)} is coarse for a half-power beamwidth of "
             f"{_degrees(best.half_power_beamwidth)}: beamwidths may have errors of some percent; "
-            "pass more angles theta to radiation_pattern"
+            "pass more theta angles to radiation_pattern"
         )
     if about["peak_directivity"] > best.directivity + _MISSED and not has_circles:
         warn_caller(
             f"no cut of the pattern passes through the beam of {about['peak_directivity']:.2f} "
             f"dBi at {_direction(about['peak_theta'], about['peak_phi'])}: the largest "
             f"directivity on the cuts is {best.directivity:.2f} dBi; use beam_cuts, or pass more "
-            "angles phi to radiation_pattern"
+            "phi angles to radiation_pattern"
         )
 
 

@@ -188,7 +188,7 @@ def _checked_settings(options: FieldOptions, quantity: str) -> dict[str, Any]:
 
 
 def _checked_methods(method: Any) -> tuple[str, ...]:
-    """Return one or several names of methods as a tuple; raise ArgumentError for others."""
+    """Return one or more method names as a tuple; raise ArgumentError for unknown names."""
     methods = tuple(method) if isinstance(method, (list, tuple)) else (method,)
     if not methods or len(set(map(str, methods))) < len(methods):
         raise ArgumentError(

@@ -62,12 +62,12 @@ class ElementPattern:
         """
         if len(theta) > MOST_THETA or len(phi) > MOST_PHI:
             raise ArgumentError(
-                f"expected at most {MOST_THETA} angles theta and {MOST_PHI} angles phi, got "
+                f"expected at most {MOST_THETA} theta angles and {MOST_PHI} phi angles, got "
                 f"{len(theta)} and {len(phi)}; use every second or third angle"
             )
         if not covers_front(theta, phi):
             raise ArgumentError(
-                "expected evenly spaced angles theta from 0 to 90 or 180 degrees, and phi around "
+                "expected evenly spaced theta angles from 0 to 90 or 180 degrees, and phi around "
                 f"the full circle, got theta from {math.degrees(theta[0]):g} to "
                 f"{math.degrees(theta[-1]):g} and phi from {math.degrees(phi[0]):g} to "
                 f"{math.degrees(phi[-1]):g} degrees"
@@ -95,8 +95,8 @@ class ElementPattern:
             theta, values = theta[~behind], values[:, ~behind]
         if len(theta) < 3 or len(phi) < 4:
             raise ArgumentError(
-                "expected a pattern with at least three angles theta in front of the plane and "
-                f"four angles phi, got {len(theta)} and {len(phi)}"
+                "expected a pattern with at least three theta angles in front of the plane and "
+                f"four phi angles, got {len(theta)} and {len(phi)}"
             )
         count = len(phi)
         orders = np.fft.fftfreq(count, 1 / count)
@@ -172,7 +172,7 @@ class ElementPattern:
         return np.exp(1j * phi[:, None] * self._orders)
 
     def _theta_matrix(self, theta: Floats) -> Floats:
-        """Return the matrix (n, samples) that interpolates a meridian at angles theta in rad."""
+        """Return the matrix (n, samples) that interpolates a meridian at theta angles in rad."""
         count = self._waves.shape[1]
         if self.covers_sphere:  # Dirichlet kernel
             half = (theta[:, None] - (self._start + self._step * np.arange(count))) / 2

@@ -299,8 +299,8 @@ def _gridded(theta: Floats, phi: Floats, fields: Complex) -> tuple[Floats, Float
     grid[:, row, column] = fields
     if np.isnan(grid).any():
         raise FileFormatError(
-            f"expected all directions of a grid of {shape[0]} angles theta and {shape[1]} angles "
-            f"phi, got {len(theta)} directions; export a complete grid"
+            f"expected all directions of a grid of {shape[0]} theta angles and {shape[1]} phi "
+            f"angles, got {len(theta)} directions; export a complete grid"
         )
     if np.abs(grid[:, row, column] - fields).max() > _SAME_FIELD * np.abs(fields).max():
         raise FileFormatError(

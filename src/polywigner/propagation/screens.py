@@ -277,7 +277,7 @@ def _three_numbers(value: Any, name: str, meaning: str) -> tuple[float, float, f
 
 
 def _checked_amplitude(value: complex) -> complex:
-    """Return a finite amplitude as a float or complex; raise ArgumentError for others."""
+    """Return an amplitude as a float or complex; raise ArgumentError unless it is finite."""
     if not isinstance(value, numbers.Number) or not np.isfinite(complex(value)):
         raise ArgumentError(
             f"expected amplitude to be a finite complex number, got {value_text(value)}"

@@ -325,7 +325,7 @@ def _client(scheduler: Scheduler) -> Client:
 
 
 def open_store(path: str | os.PathLike[str]) -> xarray.Dataset:
-    """Open a zarr store of format 3 lazily; raise StoreError for other paths."""
+    """Open a Zarr store of format 3 lazily; raise StoreError if the path is not such a store."""
     required("zarr", "dask")
     import xarray
 

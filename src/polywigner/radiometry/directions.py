@@ -141,7 +141,8 @@ _WIDE = 600.0
 _SAME = 1e-6
 # Largest spatial frequency of a field for the integral over lags, as a fraction of 1/wavelength.
 _STEEP = 0.8
-# Width of the cut-off [wavelengths] at normal incidence. The horizon contributes exp(-32).
+# Width of the cut-off [wavelengths] at normal incidence. Waves along the horizon contribute
+# exp(-32).
 _SOFT = 1.8
 # Lags of the two cut-offs, in units of the cut-off width.
 _ENDS = (4.5, 6.5)

@@ -232,7 +232,7 @@ def facing(facets: Facets, direction: Floats, block: slice = slice(None)) -> Sid
 def facing_point(facets: Facets, point: Floats) -> Sides:
     """Return the sides of triangles that face a point (3,), shape (n,).
 
-    The point is in m from the body's centre.
+    The point is relative to the body's centre, in m.
     """
     away = facets.corner - point
     distance = np.maximum(np.linalg.norm(away, axis=1), np.finfo(float).tiny)
@@ -274,9 +274,9 @@ def visible_along(facets: Facets, direction: Floats) -> Visible:
 def visible_from(facets: Facets, point: Floats, frame: Floats) -> Visible:
     """Return the parts of triangles that an observer at a point sees.
 
-    ``point`` (3,) is in m from the body's centre. The rows of ``frame`` are the observer's axes; z
-    is the viewing direction. All triangles must be in front of the observer. The perspective image
-    maps planes to planes.
+    ``point`` (3,) is relative to the body's centre, in m. The rows of ``frame`` are the observer's
+    axes; z is the viewing direction. All triangles must be in front of the observer. The
+    perspective image maps planes to planes.
     """
     distance = float(((facets.corners - point) @ frame[2]).mean())
 

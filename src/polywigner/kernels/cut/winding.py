@@ -147,7 +147,7 @@ class PairClipper(Clipper):
         tx, ty = view.side * self.tx, view.side * self.ty
 
         def level_of(number: Any) -> Level:
-            """Return the weighted winding number with an index."""
+            """Return the weighted winding number at an index."""
             return tuple(ops.gather(grid.levels, number)[:count])
 
         def part(number: Any, edge: Any, ends_sum: Any, extent: Any, level: Level) -> Level:

@@ -180,7 +180,7 @@ def wigner(ops: Any, tables: SeparableTables, x: Any, y: Any, nu_x: Any, nu_y: A
 def ambiguity(
     ops: Any, tables: SeparableTables, upsilon_x: Any, upsilon_y: Any, xi_x: Any, xi_y: Any
 ) -> tuple[Any, Any]:
-    """Return the real part and minus the imaginary part of the ambiguity function.
+    """Return the real part and the negated imaginary part of the ambiguity function.
 
     The arguments are in the frame. The result does not include ``frame.measure``, nor the phases of
     the centre and the carrier.
@@ -192,7 +192,7 @@ def ambiguity(
 
 
 def fourier(ops: Any, tables: SeparableTables, nu_x: Any, nu_y: Any) -> tuple[Any, Any]:
-    """Return the real part and minus the imaginary part of the Fourier transform.
+    """Return the real part and the negated imaginary part of the Fourier transform.
 
     The frequency is in the frame, relative to the carrier. The result does not include
     ``frame.measure`` and the phase of the centre.

@@ -67,7 +67,8 @@ _RULE, _FAR_RULE = edge_waves.EdgeRule.of(2.0, 16, 2), edge_waves.EdgeRule.of(0.
 # is assumed to be at least _WEAK. Both constants are fractions of the peak values without
 # obstacles.
 _FAINT, _WEAK = 4e-5, 0.1
-# Largest rounding error of the excess of a path over an end, as a fraction of its detour.
+# Largest rounding error of the extra length of a path over an end of an edge, as a fraction of its
+# detour.
 _ROUNDED = 0.01
 # Largest product of face count and radiating-point count for which each radiating point can get its
 # own silhouette, and largest product of face count and node count for which each node gets its own.
@@ -278,7 +279,7 @@ class Shadows:
         waves = [sums[start : start + width] for start in range(0, len(sums), width)]
 
         def wave_of(number: Drjit) -> Values:
-            """Return the wave of the node with an index."""
+            """Return the wave of the node at an index."""
             chosen = waves[0]
             for k, wave in enumerate(waves[1:], 1):
                 chosen = tuple(map(partial(dr.select, number == k), wave, chosen))

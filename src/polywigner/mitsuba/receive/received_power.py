@@ -188,7 +188,7 @@ def received_powers(
 
 
 def index_of(receivers: list[tuple[int, Any]], receiver: int | str | None) -> int:
-    """Return the index of a receiver from its id or index; None selects the only receiver."""
+    """Return the index of a receiver, given its id or its index; None selects the only receiver."""
     names = [sensor.id() for _, sensor in receivers]
     if receiver is None and len(receivers) == 1:
         return 0

@@ -266,7 +266,7 @@ def _host_array(value: Drjit, count: int) -> NDArray[Any]:
 
 
 def _velocities_of(table: dict[int, Floats], numbers: NDArray[np.int64]) -> Floats:
-    """Return the velocities (n, 3) of objects with registry numbers; zero for others."""
+    """Return the velocities (n, 3) of objects by registry numbers; zero if a number is unknown."""
     result = np.zeros((len(numbers), 3))
     for number, velocity in table.items():
         result[numbers == number] = velocity
