@@ -290,7 +290,7 @@ class ScalarOperations(_Unfused, RowByRow):
     def sum_over(
         self, rows: Sequence[Row], term: Term, values: int, like: Any, *, unroll: bool = True
     ) -> Values:
-        """Return the sums of ``term(*row)`` over all rows."""
+        """Return the sums of ``term(*row)`` over all rows, at least one."""
         return unrolled_sum(rows, term)
 
     def select(self, condition: Any, a: Any, b: Any) -> Numbers:

@@ -80,7 +80,10 @@ class Differentiable:
         return {name: value for name, value in values.items() if value is not None}
 
     def traced(self, ops: DrjitOperations, tables: Any) -> Traced:
-        """Return the Dr.Jit arrays of the source, converted to the frame of ``tables``."""
+        """Return vertices in the frame of ``tables``, and weights times ``tables.factors``.
+
+        Constant numbers are None.
+        """
         vertices = weights = None
         if self.vertices is not None:
             x, y = tables.frame.position(ops, *self.vertices)
@@ -107,9 +110,10 @@ class _Accumulator:
         self.known: dict[tuple[int, int], tuple[Any, Any]] = {}
 
     def edge(self, begin: Any, end: Any, normal: tuple[Any, Any], at: tuple[Pair, Pair]) -> Pair:
-        """Return the change due to displacements of both vertices of an edge along its normal.
+        """Return the sum of g (normal . v) over both vertices v of an edge, only for derivatives.
 
-        ``begin`` and ``end`` are indices of vertices, and ``at`` contains the gradient at each one.
+        ``begin`` and ``end`` are indices of vertices. ``at`` contains the derivative g for a
+        displacement of each vertex by ``normal``, which is not a unit vector.
         """
         total = Pair(0.0, 0.0)
         for number, gradient in zip((begin, end), at, strict=True):

@@ -115,7 +115,7 @@ class _ArrayFrame:
 
     @property
     def relative_cycles(self) -> Pair2:
-        """Phase difference of adjacent weights minus the carrier's phase difference, in cycles."""
+        """Phase steps of the weights minus those of the carrier, per basis vector, in cycles."""
         return tuple(
             cycles_per_site - float(np.dot(self.carrier, b))
             for cycles_per_site, b in zip(self.cycles, self.basis, strict=True)

@@ -174,10 +174,11 @@ def _are_small(
 def field_at_nodes(
     wave: Wavefront, part: _Element, cells: Floats, wavelength: float, with_slopes: bool = False
 ) -> tuple[Floats, Complex, Complex]:
-    """Return nodes (k, n, 2) on k cells, and the weighted field and normal derivative (k, n).
+    """Return nodes (k, n, 2) on cells, and the weighted field and normal derivative (k, n).
 
-    Both are multiplied by quadrature weights in m^2. The derivative is divided by ik, and is zero
-    unless ``with_slopes`` is true.
+    ``cells`` contains triangles (k, 3, 2) in m, in the element ``part``. Field and derivative are
+    multiplied by quadrature weights in m^2. The derivative is divided by ik, and is zero unless
+    ``with_slopes`` is true.
     """
     count = len(cells)
     ((_, nodes, weights),) = cell_rules(cells_of(cells), np.full((count, 2), _NODES))

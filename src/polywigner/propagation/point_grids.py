@@ -273,7 +273,10 @@ def _axis(low: float, high: float, count: int) -> Floats:
 
 
 def _corners(name: str, corners: Any, which: str) -> Floats:
-    """Return two points (2, 3) in m; ``name`` and ``which`` are used in error messages."""
+    """Return two points (2, 3) in m.
+
+    Error messages use ``name``, such as "box", and ``which``, such as "lowest and highest corner".
+    """
     expected = f"expected a {name} as two points of shape (2, 3), the {which}, in metres"
     return finite_array(corners, expected, (2, 3))
 

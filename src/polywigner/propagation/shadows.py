@@ -414,9 +414,9 @@ class Blocker:
     """Silhouette of the surface, seen from the origin, shape (m, 2, 3)."""
 
     def hides(self, points: Floats, within: Floats) -> NDArray[np.bool_]:
-        """Return a mask of the points (n, 3) that the surface hides from the origin.
+        """Return a mask of the points (n, 3) that the surface hides from ``self.origin``.
 
-        Points less than ``within`` (n,) behind the surface are visible.
+        Points less than ``within`` (n,) wavelengths behind the plane of a triangle are visible.
         """
         hidden = np.zeros(len(points), bool)
         if len(self.triangles):

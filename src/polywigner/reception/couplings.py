@@ -365,7 +365,8 @@ def checked_tolerance(tolerance: Any) -> float:
 def link_kernel(condition: Obliquity, sight: Sight) -> tuple[Floats, Floats]:
     """Return the real and imaginary part of the scalar link kernel K (RX1), shape (n, i, j).
 
-    Lengths are in wavelengths, and the phase due to the distance of the centres is omitted.
+    The axes are pairs of cells, nodes of the transmitter and nodes of the receiver. Lengths are in
+    wavelengths, and the phase due to the distance of the centres is omitted.
     """
     cosine, sine = sight.wave
     nr, mr, nm = sight.rise, sight.away, sight.lean

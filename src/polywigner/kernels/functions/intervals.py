@@ -254,7 +254,7 @@ def _segment_tables(source: Slits, double: bool) -> SlitTables:
 
 
 def _enter_fourier(ops: Any, frame: Frame, nu: Any) -> Values:
-    """Return the phase of the centre, and the frequency in the frame as the sum of two floats."""
+    """Return the phase of the centre in cycles, and the frequency in the frame as two floats."""
     cycles = phases.cycles_to_centre(ops, frame.centre, nu)
     return (cycles, *phases.split(ops, (*frame.frequency(ops, nu), 0.0)))
 

@@ -240,9 +240,9 @@ def received(
 def matched_ends(
     scene: Any, numbers: list[int], options: ReceiveOptions
 ) -> tuple[list[PlacedSource], list[PlacedSource]]:
-    """Return the emitters of a scene, and the receivers with the indices ``numbers``.
+    """Return the sources of a scene, and the receivers at ``numbers`` in ``receivers_of(scene)``.
 
-    Raises SceneError unless their frequencies and units match.
+    Raises SceneError if there is no emitter, or if frequencies or units of the scene differ.
     """
     if not scene.emitters():
         raise SceneError("the scene has no emitters; add an emitter")
