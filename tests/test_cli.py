@@ -66,6 +66,12 @@ def test_an_interruption_ends_with_130_and_one_line(error, monkeypatch, capsys):
     assert capsys.readouterr().err == "polywigner: interrupted\n"
 
 
+def test_too_little_memory_ends_with_1_and_one_line(monkeypatch, capsys):
+    _raising(monkeypatch, MemoryError("8 GiB"))
+    assert main(["transform", "a.wkt"]) == 1
+    assert "out of memory (8 GiB); use fewer samples" in capsys.readouterr().err
+
+
 def test_an_unforeseen_error_says_how_to_report_it_and_shows_its_traceback_only_on_request(
     monkeypatch, capsys
 ):

@@ -84,6 +84,9 @@ def test_the_variable_comes_first_then_the_environment_then_the_newest_of_the_sy
     named = library(machine / "elsewhere", "anything.so")
     monkeypatch.setenv(module.LIBRARY_VARIABLE, named)
     assert module.libraries() == [named, in_environment, system[1], system[2], system[0]]
+    link = machine / "system" / "libLLVM-19.so"
+    link.symlink_to(system[1])
+    assert module.libraries() == [named, in_environment, str(link), system[2], system[0]]
 
 
 def test_a_library_of_an_old_version_is_refused_without_a_probe(machine, probes):
