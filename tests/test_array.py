@@ -147,6 +147,7 @@ BAD = {
         (lambda: pw.fit_illumination([[0, 0], [1, 1]], [1]), "2 points"),
         (lambda: pw.fit_illumination([[0, np.inf]], [1]), "finite"),
         (lambda: pw.fit_illumination([[0, 0]], [np.nan]), "finite"),
+        (lambda: pw.fit_illumination([[0, 0]], ["a"]), "finite"),
         (lambda: pw.fit_illumination(FLAT, [1, 0], cut_off=1.0), "cut_off"),
         (lambda: pw.fit_illumination(FLAT, [1, 0], order=-1), "order"),
     ],

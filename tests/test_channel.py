@@ -275,6 +275,21 @@ def test_over_a_knife_edge_half_of_the_amplitude_arrives_with_its_phase(plain: N
     assert result == pytest.approx(whole / 2, rel=0.05)
 
 
+def test_a_path_via_two_mirrors_of_a_corner_passes_their_edges(plain: None) -> None:
+    one, other = looking((0.5, 0, 1.5), (-0.5, 0, -1.5)), looking((1.0, 0, 0.4), (-1.0, 0, -0.4))
+    walls = {"floor": floor(20.0), "wall": rectangle((0, 0, 0), (0, 1, 0), 90, 20.0, METAL)}
+    results = []
+    for diffraction in (False, True):
+        end = emitter(DOT, one, **ALL_SIDES, estimator="exact", diffraction=diffraction)
+        scene = scene_of(tx=end, rx=receiver(DOT, other, **ALL_SIDES), **walls)
+        results.append(pm.channel(scene, reflections=2))
+    chains = [chains_of(result) for result in results]
+    assert chains[0] == chains[1] and [len(chain) for chain in chains[0]] == [0, 1, 1, 2]
+    for chain in chains[0]:
+        without, with_edges = (path_amplitude(result, *chain) for result in results)
+        assert with_edges == pytest.approx(without, rel=0.02)
+
+
 def test_in_a_band_each_frequency_is_a_channel_of_its_own(plain: None) -> None:
     scene = scene_of(tx=emitter(HANDED, ONE), rx=receiver(pose=OTHER), floor=floor())
     band = np.linspace(90e9, 98e9, 101)

@@ -3,11 +3,12 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from polywigner.cli import main
-from polywigner.cli.options import check_writable, targets, write
+from polywigner.cli.options import check_writable, output_stem, targets, write
 from polywigner.cli.sources import frequency_text
 from polywigner.errors import ArgumentError
 
@@ -66,6 +67,12 @@ def test_an_interruption_ends_with_130_and_one_line(error, monkeypatch, capsys):
     assert capsys.readouterr().err == "polywigner: interrupted\n"
 
 
+def test_too_little_memory_ends_with_1_and_one_line(monkeypatch, capsys):
+    _raising(monkeypatch, MemoryError("8 GiB"))
+    assert main(["transform", "a.wkt"]) == 1
+    assert "out of memory (8 GiB); use fewer samples" in capsys.readouterr().err
+
+
 def test_an_unforeseen_error_says_how_to_report_it_and_shows_its_traceback_only_on_request(
     monkeypatch, capsys
 ):
@@ -79,6 +86,11 @@ def test_an_unforeseen_error_says_how_to_report_it_and_shows_its_traceback_only_
     monkeypatch.setenv("POLYWIGNER_DEBUG", "1")
     assert main(["transform", "a.wkt"]) == 1
     assert "Traceback" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("out", "stem"), [("a/b.NC", "a/b"), ("a/at_2.5", "a/at_2.5")])
+def test_only_suffixes_of_results_are_removed_from_names(out, stem):
+    assert output_stem(out, "field") == Path(stem)
 
 
 def test_files_appear_together_and_only_once_they_are_whole(tmp_path):

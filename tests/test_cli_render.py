@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from cli_scenes import LOOKING_DOWN, PATH, rectangle, scene, source, written
+from cli_scenes import LOOKING_DOWN, PATH, receiver, rectangle, scene, source, written
 from polywigner.cli import main
 from polywigner.quantities import wavelength_of
 
@@ -95,6 +95,17 @@ def test_the_record_tells_settings_versions_and_times(tmp_path):
     assert versions["llvm"] is None  # not used by this variant
     assert record["seconds"]["render"] > 0
     assert record["figure"]["floor_db"] == -25
+
+
+@pytest.mark.usefixtures("unrendered_figures")
+def test_a_receiver_gets_a_figure_of_its_pixels_in_watts(tmp_path):
+    sampler = '<sampler type="independent"><integer name="sample_count" value="4"/></sampler>'
+    floor = rectangle('<translate z="-1"/>', DIFFUSE.format(0.5))
+    parts = receiver(sampler, pose="", pixels=4), source(), floor
+    image, record = rendered(
+        written(tmp_path, scene(PATH.format(3), *parts)), "--variant", "scalar_rgb"
+    )
+    assert image.shape[:2] == (4, 4) and record["figure"]["unit"] == "W"
 
 
 def test_a_film_in_colour_is_kept_its_mean_is_drawn_and_only_paths_are_printed(tmp_path, capfd):

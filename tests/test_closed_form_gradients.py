@@ -103,6 +103,23 @@ def test_derivatives_are_those_of_exact_arithmetic(rings, precision):
         assert abs(got - expected) < ERRORS[precision] * largest
 
 
+def test_a_shift_of_all_vertices_of_an_array_turns_the_phase_of_its_transform():
+    """dF/dx = -2 pi i nu_x F."""
+    import drjit as dr
+
+    source = pw.Array([pw.shapes.square(0.7), pw.shapes.chevron(2.0, 1.2, 0.4)], [1, 0.5 + 0.3j])
+    nu = np.array([[0.3, -0.2], [-0.7, 0.4]])
+    rings = [ring for element in source.elements_in_plane for ring in element.rings]
+    corners = _points(np.concatenate(rings))
+    dr.enable_grad(corners)
+    dr.set_grad(corners, type(corners)(1.0, 0.0))
+    value = pw.fourier(pw.differentiable(source, vertices=corners), _points(nu))
+    change, expected = dr.forward_to(value), pw.fourier(source, nu)
+    for result, factor in ((value, 1.0), (change, -2j * np.pi * nu[:, 0])):
+        numbers = np.array(result.real) + 1j * np.array(result.imag)
+        assert numbers == pytest.approx(factor * expected, abs=ROUNDING)
+
+
 @pytest.mark.slow
 def test_forward_and_reverse_mode_are_adjoint():
     """<g, J t> = <J* g, t> for random t and g."""

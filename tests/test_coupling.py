@@ -152,6 +152,7 @@ def test_estimated_errors_hold():
         )
         assert (np.abs(result - best) <= errors + 1e-10).all()
         assert (errors <= tolerance * np.abs(result)).all()
+        assert errors.min() < 0.5 * tolerance * np.abs(result).min()
 
 
 def test_poses_broadcast_and_a_pose_gives_a_number():

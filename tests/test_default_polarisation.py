@@ -139,6 +139,17 @@ def test_a_diffuse_floor_returns_half_to_the_default_and_ranges_and_scatterers_a
         assert each.attrs["polarisation"] == "y (default): tx, rx"
 
 
+@pytest.mark.llvm
+def test_a_polarised_receiver_gets_half_of_what_a_diffuse_floor_scatters() -> None:
+    use(POLARISED)
+    wall = {"floor": rectangle((0, 0, 2), (1, 0, 0), 180, bsdf=HALF)}
+    powers = []
+    for kind in (None, "unpolarised"):
+        scene = linked((np.eye(4), shifted(0.25)), None, kind, wall, estimator="exact")
+        powers.append(float(pm.scatterers(scene, 50, rays=64)["power"].sum()))
+    assert powers[0] == pytest.approx(powers[1] / 2, rel=1e-4)
+
+
 def test_results_state_the_polarisations_that_count() -> None:
     use(PLAIN_POLARISED)
     scene = linked(poses(0.0, 0.0), None, "left")

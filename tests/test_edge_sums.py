@@ -83,6 +83,15 @@ def test_field_from_nodes_is_the_sum_over_all_points(
     assert 0.0 < np.abs(few - every).max() < 1e-4 * largest_field(case)
 
 
+def test_bodies_in_a_row_block_all_points_of_a_source(monkeypatch: pytest.MonkeyPatch) -> None:
+    fields, bodies = [], [plate(6.0, 6.0, 0.0, 0.0, 30.0), plate(40.0, 40.0, 0.0, 0.0, 47.0)]
+    monkeypatch.setattr(edge_sums, "_POINT_COST", np.inf)  # Nodes are always faster.
+    for least in (0.0, np.inf):
+        monkeypatch.setattr(edge_sums, "_LEAST_PAIRS", least)
+        fields.append(pw.amplitude(SQUARE, BEHIND, 1.0, obstacles=bodies, engine="numpy"))
+    assert fields[0] == pytest.approx(fields[1], rel=1e-12)
+
+
 @pytest.mark.parametrize(
     ("case", "engine", "tolerances"),
     [

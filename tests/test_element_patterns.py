@@ -180,6 +180,15 @@ def test_the_residual_is_how_far_both_far_fields_are_apart() -> None:
     assert fit.power_ratio == pytest.approx(power["aperture_power"] / power["radiated_power"])
 
 
+def test_a_wide_element_is_fitted_in_enough_directions() -> None:
+    sides = 4 * WAVELENGTH, 0.5 * WAVELENGTH
+    outline = pw.shapes.rectangle(*sides)
+    table = _pattern(outline.with_illumination(pw.te_mode(*sides)), polarisation="y")
+    fit = pw.fit_pattern(table, outline)
+    power = _pattern(fit.aperture, polarisation="y").attrs
+    assert fit.power_ratio == pytest.approx(power["aperture_power"] / power["radiated_power"])
+
+
 def test_a_fitted_element_has_the_links_and_arrays_of_its_pattern(tmp_path: Path) -> None:
     """Friis' formula with the directivities of the file, within the residual."""
     element = pw.read_pattern(_file(tmp_path, ".ffd", source=HORN, polarisation="x"))

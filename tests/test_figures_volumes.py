@@ -58,6 +58,12 @@ def test_the_inner_surface_is_visible_through_the_outer_one():
     assert 0.002 < changed.mean() < 0.2
 
 
+def test_a_flat_box_is_drawn_a_quarter_as_high_as_it_is_wide():
+    flat = ball(1.5e-3).assign_coords(z=np.linspace(-1e-5, 1e-5, 41))
+    aspect = np.sort(draw_volume(flat, surfaces=(-5.0,)).axes[0]._box_aspect)
+    np.testing.assert_allclose(aspect / aspect[-1], [0.25, 1.0, 1.0])
+
+
 def beam(count=24):
     """Return an asymmetric field in closed form."""
     axes = {

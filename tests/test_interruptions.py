@@ -58,6 +58,19 @@ def test_a_folder_that_cannot_be_replaced_is_put_back(tmp_path, monkeypatch):
     assert read_folder(target) == "first" and list(tmp_path.iterdir()) == [target]
 
 
+def test_an_old_folder_that_cannot_be_removed_is_no_error(tmp_path, monkeypatch):
+    target = tmp_path / "field.zarr"
+    write_folder(target, "first")
+
+    def fail(*_, **__):
+        raise PermissionError
+
+    with atomic_path(target) as scratch:
+        write_folder(scratch, "second")
+        monkeypatch.setattr("os.rmdir", fail)
+    assert read_folder(target) == "second"
+
+
 def test_a_temporary_folder_is_removed_with_its_files():
     with pytest.raises(KeyboardInterrupt), temporary_folder() as folder:
         Path(folder, "scratch").touch()

@@ -458,8 +458,9 @@ def test_open_meshes_are_plates_of_what_lies_in_one_plane(tmp_path: Path) -> Non
         pw.read_polyhedron(path, "m")
     plates = pw.read_sheets(path, "m")
     turned = path.read_text().replace("f 5 7 8 6", "f 5 7 8\nf 6 8 5")  # opposite orientation
-    path.write_text(turned)
-    assert len(pw.read_sheets(path, "m")) == len(plates)
+    for far in ("", "1000000"):  # digits before the x coordinates
+        path.write_text(turned.replace("v ", f"v {far}"))
+        assert len(pw.read_sheets(path, "m")) == len(plates)
     assert sorted(round(plate.area, 9) for plate in plates) == [2, 2, 3, 3, 6]
     for plate in plates:
         ring = np.column_stack([plate.aperture.rings[0], np.zeros(4), np.ones(4)])

@@ -7,6 +7,7 @@ import pytest
 
 import polywigner as pw
 from polywigner.errors import ArgumentError
+from polywigner.source.lattices import separated
 from polywigner.source.normal_form import normal_form
 
 SQUARE = pw.shapes.square(2.0)
@@ -90,6 +91,14 @@ def test_a_repeated_element_is_found_among_many_elements():
     assert lattice is not None and lattice.positions == pytest.approx(places - places[0])
     assert lattice.sites is not None and lattice.sites.weights.size == 30
     assert normal_form(SOURCES["array"]).lattice is None
+
+
+@pytest.mark.parametrize("taper", [[1.0, 1.0], [1.0, 2.0, -2.0, 2.0, 1.0]])
+def test_steered_weights_are_real_amplitudes_with_a_linear_phase(taper):
+    weights = np.exp(0.4j * np.pi * np.arange(len(taper))) * taper
+    column, row = separated(weights[:, None])
+    assert column.cycles_per_element == pytest.approx(0.2, abs=1e-14)
+    assert column.amplitudes == pytest.approx(taper, rel=1e-13) and row.is_uniform
 
 
 def test_changed_sources_have_the_fields_of_changed_public_sources():

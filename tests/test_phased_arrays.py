@@ -81,7 +81,12 @@ def test_many_copies_in_a_plain_array_are_recognised():
     field = pw.Illumination([0.5, 0.5j], [[0.5, 0.25], [-0.5, 0.75]])
     for element in (SQUARE, SQUARE.with_illumination(field)):
         array = pw.phased_array(element, grid(6, 5, 1.3), _random(30))
-        plain = pw.Array(list(array.elements), array.weights)
+        factors = np.ones(30) if element is SQUARE else _random(31)[:30]
+        copies = [
+            copy if element is SQUARE else copy.with_illumination(factor * copy.illumination)
+            for copy, factor in zip(array.elements, factors, strict=True)
+        ]
+        plain = pw.Array(copies, array.weights / factors)
         assert plain.repeated is None and normal_form(plain).lattice is not None
         x, xi, nu = _points(array, 40, 9)
         scale = float(np.abs(array.weights).sum()) ** 2

@@ -82,6 +82,7 @@ USUAL = {
     "small hole at terahertz": (aperture, 1e-6, 1.2e-4),
     "radar on the road": (link, SQUARE, 250.0, WAVELENGTH),
     "link between two masts": (link, pw.shapes.square(0.3), 5e3, 3.7e-3),
+    "link between two fibres": (link, pw.shapes.square(1e-5), 1.2, 1.55e-6),
     "link between two telescopes": (link, pw.shapes.square(0.1), 3e3, 1.55e-6),
 }
 

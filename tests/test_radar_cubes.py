@@ -150,6 +150,7 @@ def test_four_virtual_elements_resolve_the_angle():
         bodies={"plate": pw.shapes.square(LEG).placed(facing)},
         velocities={"plate": (0.0, 0.0, rate)},
     )  # fmt: skip
+    assert cube["start_time"].values == pytest.approx([0.0, waveform.interval])
     image = radar.range_angle(cube, window="boxcar", directions=2001).isel(draw=0)
     cut = image.where(image["range"] > 20.0, 0.0).max("range")
     angles = np.degrees(np.arcsin(cut["direction_cosine"].values))

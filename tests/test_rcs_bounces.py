@@ -26,6 +26,7 @@ from oracles.meshes import (
 from oracles.meshes import section_root as plate
 from oracles.references import read_json
 from polywigner.errors import ArgumentError, PolywignerWarning
+from polywigner.scattering import facet_beams
 
 # Relative to the largest amplitude; references are another sum over the same polygons.
 REFERENCE = 1e-9
@@ -227,3 +228,20 @@ def test_too_many_beams_are_refused_in_one_sentence() -> None:
     other = pw.Polyhedron(ball.vertices + np.array([0.0, 3.0, 0.0]), ball.faces)
     with pytest.raises(ArgumentError, match="use bounces=1, or simplify the mesh"):
         pw.rcs([ball, other], (0.0, 0.0, 1.0), 0.05, bounces=3)
+
+
+def test_a_direction_whose_reflections_fail_is_nan(monkeypatch: pytest.MonkeyPatch) -> None:
+    body, directions = trihedral(SQUARE), np.array([INWARDS, [0.6, 0.0, 0.8], [0.0, 0.8, 0.6]])
+    expected = pw.rcs(body, directions, 0.3, bounces=2)
+    hits_after = facet_beams.hits_after
+
+    def failing(facets: Any, ends: Any, bounces: int) -> Any:
+        if 1 in ends.samples:
+            raise shapely.errors.GEOSException("side location conflict")
+        return hits_after(facets, ends, bounces)
+
+    monkeypatch.setattr(facet_beams, "hits_after", failing)
+    with pytest.warns(PolywignerWarning, match="1 of 3 directions cannot be computed"):
+        result = pw.rcs(body, directions, 0.3, bounces=2)
+    expected[1] = np.nan
+    np.testing.assert_allclose(result, expected, rtol=1e-12)

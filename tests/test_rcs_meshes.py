@@ -167,6 +167,22 @@ def test_set_operations_return_polygons_and_lose_none() -> None:
     assert shapely.area(left)[0] == pytest.approx(wall.area, rel=1e-3, abs=0.0)
 
 
+def test_unions_that_geos_cannot_compute_together_are_computed_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    union_all = shapely.union_all
+
+    def failing(*arguments: Any, axis: int | None = None, **options: Any) -> Any:
+        if axis is not None:
+            raise shapely.errors.GEOSException("side location conflict")
+        return union_all(*arguments, **options)
+
+    monkeypatch.setattr(shapely, "union_all", failing)
+    squares = np.array([shapely.box(x, 0, x + 2, 1) for x in (0, 1, 5)])
+    unions = hidden_parts.unions(squares, np.array([0, 0, 1]), 7.0)
+    assert shapely.area(unions).tolist() == [3.0, 2.0]
+
+
 def test_an_outline_that_rounding_has_bent_keeps_its_area() -> None:
     # At an edge through vertices of other faces, GEOS turns the larger part into a hole.
     points = [

@@ -364,6 +364,7 @@ def test_a_file_is_replaced_as_a_whole_or_not_written_at_all(tmp_path: Path) -> 
 
 
 H = np.sqrt(0.5)
+ROW = pw.phased_array(SQUARE, GRID[:3] * 7)
 
 
 @pytest.mark.parametrize("suffix", [".toml", ".json"])
@@ -372,7 +373,8 @@ H = np.sqrt(0.5)
     [
         (TAPERED, "right", [H, 1j * H]),
         (TAPERED.curved(0.1, WAVELENGTH), (0.6j, 0.8), [0.6j, 0.8]),
-        (pw.phased_array(SQUARE, GRID[:2] * 7), ["x", "45 deg"], [[1, 0], [H, H]]),
+        (ROW, ["x", "45 deg", "left"], [[1, 0], [H, H], [H, -1j * H]]),
+        (ROW, (0.6j, 0.8), [0.6j, 0.8]),
         (pw.Array([SQUARE, HOLED], [1, 1j]), [(1, 0), (0, 1j)], [[1, 0], [0, 1j]]),
     ],
 )

@@ -11,6 +11,8 @@ import pytest
 
 import polywigner as pw
 from oracles.references import numpy_and_few, read_json
+from polywigner.execution import NumpyOperations
+from polywigner.numerics.nodes import error_of, gauss_legendre, node_sums, nodes_needed
 
 REFERENCE = read_json("edge_integrals")
 LIGHT = REFERENCE["wavelength"]
@@ -92,3 +94,21 @@ def test_the_height_where_panels_end_changes_nothing():
     square = pw.shapes.square(40.0)
     below, above = (pw.amplitude(square, points + sign * step, 1.0) for sign in (-1, 1))
     assert np.abs(above - below).max() < 3 * math.pi * 2e-8
+
+
+@pytest.mark.parametrize(("gap", "radians"), [(0.05, 0.3), (0.5, 20.0)])
+def test_quadrature_errors_are_below_their_estimates_which_are_small(gap, radians):
+    ops = NumpyOperations()
+    needed, expected = nodes_needed(ops, 12.0, gap, radians)
+
+    def sums(count, factor=1.0):
+        x, *weights = gauss_legendre(count).T
+        values = factor * np.exp(1j * radians * x) / (x - 1j * gap)
+        return [terms.sum() for terms in node_sums(values.real, values.imag, *weights)]
+
+    real, imag, size, *_ = few = sums(math.ceil(needed))
+    exact = sums(724)
+    estimate = error_of(ops, few, expected, 0.0)
+    assert math.hypot(real - exact[0], imag - exact[1]) < estimate < 1e-3 * size
+    turned = error_of(ops, sums(math.ceil(needed), 1j), expected, 0.0)
+    assert turned == pytest.approx(estimate, rel=1e-6)
