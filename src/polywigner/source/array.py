@@ -219,7 +219,7 @@ class Array(TakesWaves):
     def at_wavelength(self, wavelength: float) -> Array:
         """Return the array at another wavelength in m, with the phases of path lengths converted.
 
-        An array without ``paths`` is returned unchanged; see :meth:`Aperture.at_wavelength`.
+        An array without ``paths`` is returned unchanged.
         """
         length = checked_wavelength(wavelength)
         paths = self.paths
