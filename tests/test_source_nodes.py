@@ -172,17 +172,17 @@ def test_waves_of_a_small_source_have_their_obliquity_along_edges() -> None:
     assert error_on_floor(0.5e-3, bodies) < 8e-4
 
 
+def cubes(**poses: Any) -> dict[str, Any]:
+    return {name: {"type": "cube", "to_world": pose, "bsdf": BLACK} for name, pose in poses.items()}
+
+
 @pytest.mark.drjit
 @pytest.mark.llvm
 def test_shadow_lines_on_a_wall_move_with_the_nodes() -> None:
     use("llvm_ad_mono")
     wall = transform().translate([0.0, 0.0, 0.2]).scale([0.04, 0.04, 0.005])
     post = transform().translate([0.02, 0.003, 0.17]).scale([0.004, 0.008, 0.025])
-    bodies = {
-        name: {"type": "cube", "to_world": pose, "bsdf": BLACK}
-        for name, pose in (("wall", wall), ("post", post))
-    }
-    assert error_on_floor(4e-3, bodies) < 2e-3
+    assert error_on_floor(4e-3, cubes(wall=wall, post=post)) < 2e-3
 
 
 @pytest.mark.drjit
@@ -192,11 +192,7 @@ def test_block_hides_points_in_front_of_one_of_its_faces_from_an_edge() -> None:
     # The bar is in front of two faces of the block, and its midpoint is behind the plane of one.
     bar = transform().translate([0.01, 0.0, 0.166]).scale([0.014, 0.004, 0.001])
     block = transform().translate([0.0, 0.0, 0.2124]).rotate([0, 1, 0], 45).scale(0.03)
-    bodies = {
-        name: {"type": "cube", "to_world": pose, "bsdf": BLACK}
-        for name, pose in (("bar", bar), ("block", block))
-    }
-    assert error_on_floor(1e-3, bodies, -0.14, -0.12) < 2e-4
+    assert error_on_floor(1e-3, cubes(bar=bar, block=block), -0.14, -0.12) < 2e-4
 
 
 @pytest.mark.slow

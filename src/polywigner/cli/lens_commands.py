@@ -46,6 +46,10 @@ class LensOptions(SourceOptions):
         Text, "Noll coefficients in waves rms of the mean wavelength: '4: 0.05, 11: 0.1'."
     ] = None
 
+    def series(self) -> list[float]:
+        """Return the values of ``--defocus`` in waves."""
+        return list(parse_numbers("--defocus", self.defocus, "-1, 0, 1"))
+
     def read_lens(self) -> Lens:
         """Return the pupil and the lens; raise errors in the options that describe the lens."""
         if self.wavelengths is None:
@@ -115,7 +119,7 @@ def psf(
     Writes a figure NAME_psf.png and the values NAME_psf.nc in 1/m^2, normalised to unit integral.
     """
     options.check()
-    series = parse_numbers("--defocus", options.defocus, "-1, 0, 1")
+    series = options.series()
     side = None if width is None else parse_length(width)
     files = files_to_write(out, Path(options.source).stem + "_psf", (".png", ".nc"))
 
@@ -137,7 +141,7 @@ def psf(
     ]
     values = xr.Dataset(
         {"psf": (("defocus", "y", "x"), np.array(spots), {"units": "m-2"})},
-        {"defocus": list(series), "y": ("y", x, {"units": "m"}), "x": ("x", x, {"units": "m"})},
+        {"defocus": series, "y": ("y", x, {"units": "m"}), "x": ("x", x, {"units": "m"})},
         lens.settings(options),
     )
     floor = None if linear else floor_db
@@ -157,7 +161,7 @@ def mtf(
     figure the pupil without aberrations is dashed, and frequencies of reversed contrast are marked.
     """
     options.check()
-    series = parse_numbers("--defocus", options.defocus, "-1, 0, 1")
+    series = options.series()
     side = 0.0 if pixel.split()[:1] == ["0"] else parse_length(pixel)
     files = files_to_write(out, Path(options.source).stem + "_mtf", (".png", ".csv"))
 
@@ -200,7 +204,7 @@ def mtf(
         variables["limit"] = (dims[1:], np.abs(transfer(0.0, None)))
     values = xr.Dataset(
         variables,
-        {"defocus": list(series), "direction": ["x", "y"], "frequency": frequency},
+        {"defocus": series, "direction": ["x", "y"], "frequency": frequency},
         {**lens.settings(options), "pixel": side},
     )
     detector = f", pixels of {length_text(side)}" if side else ""

@@ -47,6 +47,12 @@ def blocks_by_size(sizes: NDArray[np.integer[Any]], limit: int) -> list[Indices]
     return blocks if len(sizes) else []
 
 
+def sums_by_index(index: Indices, values: Complex, count: int) -> Complex:
+    """Return the sums (count,) of complex values (n,) that have the same index."""
+    real, imag = (np.bincount(index, part, count) for part in (values.real, values.imag))
+    return np.asarray(real + 1j * imag)
+
+
 class Mask(Protocol):
     """A truth value, or an array of truth values from NumPy or Dr.Jit."""
 

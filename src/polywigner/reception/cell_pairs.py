@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.parts import polygons_in
-from polywigner.numerics import Complex, Floats, Indices
+from polywigner.numerics import Complex, Floats, Indices, sums_by_index
 from polywigner.numerics.chirps import waves_of_cycles
 from polywigner.numerics.nodes import NODES_PER_CYCLE, areas, gauss_rule, triangles_of
 from polywigner.radiometry.directions import largest_transverse_cosine
@@ -390,8 +390,7 @@ def link_sums(links: Links, tolerance: float, floor: Floats) -> tuple[Complex, F
     work = 0.0
     while True:
         pose = parts.pose
-        real, imag = (np.bincount(pose, v, count) for v in (parts.values.real, parts.values.imag))
-        total = real + 1j * imag
+        total = sums_by_index(pose, parts.values, count)
         allowed = tolerance * np.maximum(np.abs(total), floor)
         open_ = _to_refine(parts, allowed / 2)
         if not open_.any():

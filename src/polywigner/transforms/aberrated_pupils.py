@@ -21,7 +21,7 @@ from polywigner.geometry.arguments import checked_number, checked_wavelength, wa
 from polywigner.geometry.convex import trapezoids
 from polywigner.geometry.hidden_parts import polygonal
 from polywigner.geometry.parts import shifted
-from polywigner.numerics import Complex, blocks_by_size
+from polywigner.numerics import Complex, blocks_by_size, sums_by_index
 from polywigner.numerics.nodes import (
     LARGEST,
     Cells,
@@ -333,12 +333,6 @@ def by_lag(regions: Slices, integrals: Complex) -> Complex:
     """
     rows = regions.weights * integrals
     return np.array([sums_by_index(regions.row, row, len(regions.lags)) for row in rows])
-
-
-def sums_by_index(index: Indices, values: Complex, count: int) -> Complex:
-    """Return the sums (count,) of complex values (n,) that have the same index."""
-    real, imag = (np.bincount(index, part, count) for part in (values.real, values.imag))
-    return np.asarray(real + 1j * imag)
 
 
 def checked_aberration(aberration: Any, wavelength: Any, *, has_gradients: bool = False) -> float:

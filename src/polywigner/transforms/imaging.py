@@ -31,7 +31,7 @@ from polywigner.geometry.arguments import (
 )
 from polywigner.geometry.hidden_parts import edges_around
 from polywigner.geometry.parts import shifted
-from polywigner.numerics import Complex, Floats, Indices
+from polywigner.numerics import Complex, Floats, Indices, sums_by_index
 from polywigner.numerics.phases import simplex_plane_wave
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
@@ -39,7 +39,6 @@ from polywigner.transforms.aberrated_pupils import (
     checked_aberration,
     converged,
     region_integrals,
-    sums_by_index,
 )
 from polywigner.transforms.aberrations import Aberration
 from polywigner.transforms.checked_calls import broadcast_shape

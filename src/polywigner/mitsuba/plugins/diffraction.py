@@ -27,7 +27,7 @@ from polywigner.kernels.boundary import edge_waves
 from polywigner.kernels.boundary.edge_waves import difference, dot
 from polywigner.mitsuba.plugins.exact_field import AWAY, ExactEstimator
 from polywigner.mitsuba.plugins.films import changed
-from polywigner.mitsuba.plugins.registration import set_mesh
+from polywigner.mitsuba.plugins.registration import scene_errors, set_mesh
 from polywigner.mitsuba.plugins.samplers import opaque, single
 from polywigner.mitsuba.plugins.shadow_tables import (
     EdgeTables,
@@ -114,7 +114,7 @@ class Shadows:
         self._ops = ops_for(m.Float)
         scale = spec.scene_unit / wavelength
         self._inverse = opaque(m, scale)
-        try:
+        with scene_errors("cannot compute diffraction: ", ArgumentError):
             points = equivalent_points.radiating_points(
                 spec.at_origin, wavelength, spec.obliquity, _ERROR, _MOST_POINTS
             )
@@ -122,8 +122,6 @@ class Shadows:
             obstacles = Obstacles(bodies)
             nodes, silhouettes = _nodes_and_silhouettes(obstacles, points)
             tables = edge_tables(obstacles, nodes, silhouettes, _ENDS)
-        except ArgumentError as error:
-            raise SceneError(f"cannot compute diffraction: {error}") from None
         faces = sum(len(body.triangles) for body in bodies)
         numbers = faces, len(tables.edges), len(nodes.positions), len(points)
         _log.info("shadows: %d faces, %d edges, %d nodes of %d points", *numbers)
