@@ -130,6 +130,15 @@ def is_code(kernel: Kernel, tables: Any) -> bool:
     return isinstance(tables, Tables | OutlineTables) and len(tables.edges) <= MOST_TERMS_AS_CODE
 
 
+def is_recordable(tables: Tables | OutlineTables) -> bool:
+    """Return whether code that reads a source from memory can be recorded."""
+    if isinstance(tables, OutlineTables):
+        return True
+    # A recorded function must not read other arrays in memory, such as quadrature nodes and tables
+    # of waves.
+    return tables.coherence is None and tables.waves_per_cut <= MOST_PAIRS_AS_CODE
+
+
 def is_recording(kind: Any) -> bool:
     """Return whether Dr.Jit is recording, or the backend is not LLVM."""
     import drjit
@@ -310,7 +319,7 @@ class OnDrjitData:
             return source.summed(lanes, lambda table: (table.shape[1], next(tables)), *values)
 
         run: Any = summed
-        if source.is_recorded:
+        if is_recordable(source.tables):
             run = frozen(summed, source.owners, kind, *source.forms)
         sums = run(*self.state, *(ops.in_lanes(a) for a in inner))
         drjit.eval(sums)
@@ -365,9 +374,6 @@ class _Slices:
         ]
         self.forms = list(map(type, self.pairs.values()))
         self.owners = (kernel,) if is_plain(tables) else (kernel, tables)
-        # A recorded function must not read other arrays in memory, such as quadrature nodes and
-        # tables of waves.
-        self.is_recorded = tables.coherence is None and tables.waves_per_cut <= MOST_PAIRS_AS_CODE
 
     def state(self, ops: DrjitOperations, send: Callable[[int, Array], Any]) -> list[Any]:
         """Return tables of edge pairs in the memory of the engine, from the cache if possible."""
@@ -436,7 +442,7 @@ def order_by_cell(
 
 
 class _Edges:
-    is_recorded, forms = True, ()
+    forms = ()
 
     def __init__(self, kernel: Kernel, tables: OutlineTables) -> None:
         self.kernel, self.tables, self.owners = kernel, tables, (kernel,)

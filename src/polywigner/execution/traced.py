@@ -20,6 +20,7 @@ from polywigner.execution.on_drjit import (
     fills_lanes,
     frozen,
     is_code,
+    is_recordable,
     is_recording,
     order_by_cell,
     with_frame_as_data,
@@ -254,7 +255,7 @@ def _recorded(
     if is_large or is_recording(ops.float_type) or drjit.grad_enabled(components):
         return None
     has_code = is_code(kernel, tables)
-    if not (has_code or takes_data(kernel, tables)):
+    if not (has_code or (takes_data(kernel, tables) and is_recordable(tables))):
         return None
 
     def as_data() -> OnDrjitData:
@@ -270,8 +271,7 @@ def _recorded(
         return None
     if has_code:
         return recorded(*components)
-    data = as_data()
-    return recorded(*data.constants(), *components) if data.source.is_recorded else None
+    return recorded(*as_data().constants(), *components)
 
 
 def _order(
