@@ -17,7 +17,7 @@ from polywigner.geometry.arguments import Immutable, finite_array, frozen, warn_
 from polywigner.geometry.convex import triangulate_part
 from polywigner.geometry.parts import connected, polygons_in
 from polywigner.geometry.rings import rings_of_polygon
-from polywigner.numerics import Indices
+from polywigner.numerics import Indices, index_blocks
 
 # Largest distance of a vertex from the plane of its face, as a fraction of the body's diameter;
 # coordinates with ten digits are accurate enough.
@@ -137,8 +137,7 @@ def _largest_distance(points: Vertices) -> float:
     # A point at radius r is at most r + max(radii) from any other point.
     ends = offsets[radii >= (1 - _ROUNDING) * (largest - radii.max())]
     squares = (ends**2).sum(axis=1)
-    for k in range(0, len(ends), _ROWS):
-        block = slice(k, k + _ROWS)
+    for block in index_blocks(len(ends), _ROWS):
         squared_distances = squares[block, None] + squares - 2 * ends[block] @ ends.T
         largest = max(largest, float(np.sqrt(squared_distances.max())))
     return largest
@@ -401,8 +400,7 @@ def _lies_inside(inner: Vertices, outer: Vertices) -> bool:
 
 def distances_from(corners: Vertices, points: Vertices) -> Vertices:
     """Return the distance of each point (n, 3) from the nearest of the triangles (m, 3, 3)."""
-    step = max(1, _PAIRS // len(corners))
-    blocks = [points[low : low + step, None] for low in range(0, len(points), step)]
+    blocks = [points[some, None] for some in index_blocks(len(points), _PAIRS // len(corners))]
     return np.concatenate(
         [np.empty(0), *(point_distances(block, corners).min(axis=1) for block in blocks)]
     )
@@ -435,9 +433,7 @@ def windings_about(points: Vertices, corners: Vertices) -> Vertices:
     Strackee, "The solid angle of a plane triangle", 1983.
     """
     windings = np.empty(len(points))
-    step = max(1, _PAIRS // len(corners))
-    for start in range(0, len(points), step):
-        block = slice(start, start + step)
+    for block in index_blocks(len(points), _PAIRS // len(corners)):
         a, b, c = np.moveaxis(corners - points[block, None, None], -2, 0)
         x, y, z = (np.linalg.norm(v, axis=-1) for v in (a, b, c))
         below = x * y * z + np.vecdot(a, b) * z + np.vecdot(b, c) * x + np.vecdot(c, a) * y

@@ -26,7 +26,7 @@ from polywigner.geometry.polyhedron import (
     point_distances,
     windings_about,
 )
-from polywigner.numerics import Floats, Indices
+from polywigner.numerics import Floats, Indices, index_blocks
 
 # Distance from an edge or a plane that counts as zero, as a fraction of the size of a body.
 ON = 1e-9
@@ -509,9 +509,7 @@ def hits(corners: Floats, rays: Floats) -> Iterator[tuple[slice, Floats, Floats]
     sides = [np.cross(b, c), np.cross(c, a), np.cross(a, b)]
     volume = np.einsum("tk,tk->t", a, sides[0])
     height = np.abs(volume) / np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    step = max(1, PAIRS // len(corners))
-    for start in range(0, len(rays), step):
-        some = slice(start, start + step)
+    for some in index_blocks(len(rays), PAIRS // len(corners)):
         products = np.stack([rays[some] @ side.T for side in sides])
         total = products.sum(axis=0)
         sign = np.sign(total)
@@ -571,8 +569,7 @@ def _near(one: Floats, other: Floats, within: float) -> Iterator[tuple[Floats, F
         low, high = theirs[:, 0].min(axis=0) - within, theirs[:, 1].max(axis=0) + within
         rows.append(np.flatnonzero(((mine[:, 0] <= high) & (mine[:, 1] >= low)).all(axis=1)))
     first, second = _overlapping_boxes(boxes[0][rows[0]], boxes[1][rows[1]], within)
-    for start in range(0, len(first), _PAIRS_OF_TRIANGLES):
-        some = slice(start, start + _PAIRS_OF_TRIANGLES)
+    for some in index_blocks(len(first), _PAIRS_OF_TRIANGLES):
         yield one[rows[0][first[some]]], other[rows[1][second[some]]]
 
 

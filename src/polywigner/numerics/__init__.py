@@ -37,6 +37,12 @@ def cluster_indices(values: Floats, tolerance: float) -> Indices:
     return np.unique(labels, axis=0, return_inverse=True)[1].ravel()
 
 
+def index_blocks(count: int, size: float) -> list[slice]:
+    """Divide the indices from 0 to ``count`` - 1 into slices of ``size`` (at least 1) indices."""
+    step = max(1, int(size))
+    return [slice(start, min(start + step, count)) for start in range(0, count, step)]
+
+
 def blocks_by_size(sizes: NDArray[np.integer[Any]], limit: int) -> list[Indices]:
     """Divide the indices of items into consecutive blocks whose sizes add up to about ``limit``.
 

@@ -24,7 +24,7 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.numerics import Complex, Floats
+from polywigner.numerics import Complex, Floats, index_blocks
 from polywigner.numerics.nodes import gauss_rules
 
 _TERMS = 12
@@ -158,8 +158,7 @@ def chirp_over_rings(rings: tuple[Floats, ...], q: Floats, nu: Floats) -> Comple
     edge = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings]) - begin
     rises = edge[:, 1] != 0
     begin, edge = begin[rises], edge[rises]
-    step = max(1, _PAIRS // len(edge))
-    blocks = [slice(k, k + step) for k in range(0, len(nu), step)]
+    blocks = index_blocks(len(nu), _PAIRS // len(edge))
     return np.concatenate([_over_edges(begin, edge, q[block], nu[block]) for block in blocks])
 
 
@@ -177,8 +176,8 @@ def _over_edges(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Complex:
     values = np.zeros(len(nu), np.complex128)
     for rule, members in _batches(rules):
         at, weights = gauss_rules()[rule].T[:2]
-        step = max(1, _BLOCK // len(at))
-        for block in (members[k : k + step] for k in range(0, len(members), step)):
+        for some in index_blocks(len(members), _BLOCK // len(at)):
+            block = members[some]
             owners = points[block]
             integrand = _integrand(start[block], extent[block], at, q[owners], nu[owners])
             # BLAS would start threads for a matrix product. Starting threads takes longer than the

@@ -24,7 +24,7 @@ from polywigner.geometry import Aperture
 from polywigner.kernels.boundary import integrals
 from polywigner.kernels.boundary.steepest_descent import steepest_edge_sum
 from polywigner.kernels.kernel import Kernel
-from polywigner.numerics import Complex, Floats, Indices, phases
+from polywigner.numerics import Complex, Floats, Indices, index_blocks, phases
 from polywigner.numerics.nodes import gauss_rules
 from polywigner.radiometry.directions import checked_source
 from polywigner.source.normal_form import normal_form
@@ -170,10 +170,8 @@ def panels_of(
             begin, along, length = _divided_edges(element.outline, wavelength * piece[wave])
             kappa = tuple(element.frequencies[wave])
             cycles = phases.reduced(_OPS, phases.dot(_OPS, kappa, (begin[:, 0], begin[:, 1])))
-            step = max(1, count // len(length))
-            for first in range(0, len(element.weights), step):
-                shifts = element.shifts[first : first + step]
-                weights = element.weights[first : first + step]
+            for some in index_blocks(len(element.weights), count // len(length)):
+                shifts, weights = element.shifts[some], element.weights[some]
                 rows = np.empty((len(shifts), len(length), 12))
                 rows[..., :2] = ((shifts - radiator.centre)[:, None] + begin) / wavelength
                 rows[..., 2:4] = along
@@ -382,8 +380,7 @@ def _edge_sums(
     )
     field, error = np.zeros(len(points), np.complex128), np.zeros(len(points))
     for panels in panels_of(radiator, wavelength, longest, _ROWS, paraxial, steep):
-        step = max(_FEWEST_POINTS, _MOST_PAIRS // len(panels.rows))
-        blocks = [slice(low, low + step) for low in range(0, len(points), step)]
+        blocks = index_blocks(len(points), max(_FEWEST_POINTS, _MOST_PAIRS // len(panels.rows)))
         with with_progress("points", blocks) as remaining:
             for block in remaining:
                 real, imag, estimate = execution.evaluate(

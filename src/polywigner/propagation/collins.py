@@ -18,7 +18,7 @@ from polywigner.execution import Engine
 from polywigner.execution.progress import with_progress
 from polywigner.geometry import Aperture, Wavefront, triangulate
 from polywigner.geometry.arguments import checked_wavelength
-from polywigner.numerics import Complex, Floats
+from polywigner.numerics import Complex, Floats, index_blocks
 from polywigner.numerics.chirps import waves_of_cycles
 from polywigner.numerics.nodes import gauss_rule, node_count
 from polywigner.optics import FirstOrder
@@ -435,10 +435,9 @@ class FrequencyLattice:
         ``nodes`` (m, 2): positions x_k. ``waves`` (m,): weighted values at these positions.
         """
         total: Any = 0.0
-        rows = max(1, _BLOCK // max(1, sum(map(len, self.axes))))
-        with with_progress("waves", range(0, len(nodes), rows)) as starts:
-            for start in starts:
-                block = slice(start, start + rows)
+        blocks = index_blocks(len(nodes), _BLOCK // max(1, sum(map(len, self.axes))))
+        with with_progress("waves", blocks) as remaining:
+            for block in remaining:
                 first, second = (
                     waves_of_cycles(-np.outer(axis, x))
                     for axis, x in zip(self.axes, nodes[block].T, strict=True)

@@ -18,7 +18,7 @@ from polywigner.errors import ArgumentError
 from polywigner.execution.progress import with_progress
 from polywigner.geometry import Wavefront
 from polywigner.geometry.aperture import triangulate
-from polywigner.numerics import Complex, Floats
+from polywigner.numerics import Complex, Floats, index_blocks
 from polywigner.numerics.nodes import cell_rules, cells_of, quartered
 from polywigner.propagation.boundary import radiator_of
 from polywigner.source.obliquities import CONDITIONS, direction_cosines
@@ -143,8 +143,7 @@ def _point_cells(
     while len(owners):
         small = _are_small(wave, part, cells, points[owners], wavelength)
         small_owners, small_cells = owners[small], cells[small]
-        for start in range(0, len(small_cells), _CELLS):
-            block = slice(start, start + _CELLS)
+        for block in index_blocks(len(small_cells), _CELLS):
             yield small_owners[block], small_cells[block]
         owners, cells = np.repeat(owners[~small], 4), quartered(cells[~small])
         if len(owners) > _MOST_PAIRS:

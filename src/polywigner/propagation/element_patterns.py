@@ -18,7 +18,7 @@ from polywigner.geometry.arguments import (
     warn_caller,
 )
 from polywigner.geometry.illumination import Illumination
-from polywigner.numerics import Complex, Floats
+from polywigner.numerics import Complex, Floats, index_blocks
 from polywigner.propagation.point_grids import unit_vectors
 from polywigner.propagation.vector_fields import of_co_and_cross, of_currents
 from polywigner.radiometry.directions import directions_and_weights
@@ -138,12 +138,12 @@ class ElementPattern:
         """
         flat = directions.reshape(-1, 3)
         field = np.empty(flat.shape, np.complex128)
-        for k in range(0, len(flat), _ROWS):
-            x, y, z = flat[k : k + _ROWS].T
+        for rows in index_blocks(len(flat), _ROWS):
+            x, y, z = flat[rows].T
             theta, phi = np.arctan2(np.hypot(x, y), z), np.arctan2(y, x)
             along, around = self._theta_matrix(theta), self._phi_waves(phi)
             polar, azimuthal = (((along @ part) * around).sum(axis=1) for part in self._waves)
-            field[k : k + _ROWS] = _cartesian(theta, phi, polar, azimuthal)
+            field[rows] = _cartesian(theta, phi, polar, azimuthal)
         return field.reshape(directions.shape)
 
     def power(self, lag: float, factor: Callable[[Floats], Complex] | None = None) -> float:
@@ -158,13 +158,13 @@ class ElementPattern:
             node, weight = (node + 1) / 2, weight / 2
         count = math.ceil(lag) + 2 * azimuthal + _MARGIN
         phi = 2 * math.pi * np.arange(count) / count
-        total, rows = 0.0, max(1, _ROWS // count)
-        for k in range(0, len(node), rows):
-            theta = np.arccos(node[k : k + rows])
+        total = 0.0
+        for rows in index_blocks(len(node), _ROWS // count):
+            theta = np.arccos(node[rows])
             squares = np.square(np.abs(self.components(theta, phi))).sum(axis=0)
             if factor is not None:
                 squares = squares * np.square(np.abs(factor(unit_vectors(theta, phi))))
-            total += float(weight[k : k + rows] @ squares.mean(axis=1))
+            total += float(weight[rows] @ squares.mean(axis=1))
         return 2 * math.pi * total
 
     def _phi_waves(self, phi: Floats) -> Complex:

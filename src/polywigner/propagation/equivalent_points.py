@@ -18,7 +18,7 @@ from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution import NumpyOperations
 from polywigner.geometry import Wavefront
 from polywigner.kernels.boundary.edge_waves import Point
-from polywigner.numerics import Complex, Floats
+from polywigner.numerics import Complex, Floats, index_blocks
 from polywigner.numerics.nodes import gauss_legendre
 from polywigner.numerics.phases import Pair, cos_sin_cycles
 from polywigner.propagation.boundary import Radiator, radiator_of
@@ -140,10 +140,8 @@ def _slope_spectrum(wave: Wavefront, sines: list[Floats], wavelength: float) -> 
     """
     total = np.zeros([len(s) for s in sines], np.complex128)
     for part, cells in cells_of_wave(wave, wavelength):
-        for start in range(0, len(cells), _CELLS):
-            nodes, _, slopes = field_at_nodes(
-                wave, part, cells[start : start + _CELLS], wavelength, True
-            )
+        for some in index_blocks(len(cells), _CELLS):
+            nodes, _, slopes = field_at_nodes(wave, part, cells[some], wavelength, True)
             x, y = (
                 np.exp(-2j * math.pi / wavelength * np.multiply.outer(s, nodes[..., k].ravel()))
                 for k, s in enumerate(sines)

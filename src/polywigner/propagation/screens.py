@@ -15,7 +15,7 @@ from polywigner.execution import NumpyOperations
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_choice, finite_array
 from polywigner.kernels.boundary.edge_waves import EdgeRule, angle_about, edge_wave
-from polywigner.numerics import Complex, Floats
+from polywigner.numerics import Complex, Floats, index_blocks
 from polywigner.numerics.chirps import waves_of_cycles
 from polywigner.propagation.boundary import boundary_field, radiator_of
 from polywigner.propagation.point_grids import warn_of_missed
@@ -70,8 +70,7 @@ def waves_through(
         ]
         return (sides[0][0] + sides[1][0]) / 2, np.maximum(sides[0][1], sides[1][1])
     field, errors = np.empty(len(points), np.complex128), np.empty(len(points))
-    step = max(1, _PAIRS // len(begin))
-    for block in (slice(low, low + step) for low in range(0, len(points), step)):
+    for block in index_blocks(len(points), _PAIRS // len(begin)):
         at = points[block] / wavelength
         shift = _SHIFT * np.linalg.norm(at - position, axis=1)[:, None] * _ASIDE
         incident = spherical_field(position, at, 1.0) / wavelength

@@ -27,7 +27,7 @@ from polywigner.execution.choice import resolved
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.arguments import checked_wavelength, takes_frequency
 from polywigner.kernels.boundary.integrals import STRIPS, distance_of, point_in_wavelengths
-from polywigner.numerics import Complex, Floats, phases
+from polywigner.numerics import Complex, Floats, index_blocks, phases
 from polywigner.propagation.boundary import (
     Radiator,
     boundary_field,
@@ -375,9 +375,8 @@ def edge_integrals(
         ):
             along = (rows[:, 5:7] * rows[:, 2:4]).sum(axis=1)
             columns = [*rows[:, :5].T, along, rows[:, 11]]
-            step = max(1, _PAIRS // len(rows))
-            for start in range(0, len(where), step):
-                block = where[start : start + step]
+            for some in index_blocks(len(where), _PAIRS // len(rows)):
+                block = where[some]
                 pairs = [*relative[block].T[..., None], *(column[None] for column in columns)]
                 sums = execution.evaluate(
                     STRIPS,

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.execution import Engine, Precision, checked_precision
 from polywigner.geometry import Wavefront
 from polywigner.geometry.arguments import checked_wavelength, takes_frequency
+from polywigner.numerics import index_blocks
 from polywigner.radiometry.directions import (
     PlaneSource,
     checked_bandwidth,
@@ -224,9 +225,7 @@ def flux_vector(
     total = np.zeros((len(rows), 3))
     for directions, solid_angle in directions_and_weights(largest_lag(radiator), length):
         weighted = directions * solid_angle[:, None]
-        size = max(1, _BLOCK // len(directions))
-        for first in range(0, len(rows), size):
-            block = slice(first, first + size)
+        for block in index_blocks(len(rows), _BLOCK // len(directions)):
             values = radiance(radiator, rows[block], directions, length, engine=engine)
             total[block] += values @ weighted
     return total.reshape(*positions.shape[:-1], 3)

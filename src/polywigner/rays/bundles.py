@@ -25,7 +25,7 @@ from polywigner.geometry.arguments import (
     warn_caller,
 )
 from polywigner.geometry.io.limits import check_regular
-from polywigner.numerics import Floats
+from polywigner.numerics import Floats, index_blocks
 
 if TYPE_CHECKING:
     import xarray
@@ -239,8 +239,7 @@ def rebuild(
     # The last entry is the sum over all pixels.
     sums, squares = np.zeros((batches, pixels + 1)), np.zeros(pixels + 1)
     lost = missed = 0
-    for start in range(0, len(weight), _BLOCK):
-        block = slice(start, start + _BLOCK)
+    for block in index_blocks(len(weight), _BLOCK):
         columns = np.column_stack([position[block], direction[block], weight[block]])
         is_lost = ~np.isfinite(columns).all(axis=1)
         x, y = _pixel_coordinates(position[block], direction[block], pose, edges, virtual).T

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.parts import polygons_in
-from polywigner.numerics import Complex, Floats, Indices, sums_by_index
+from polywigner.numerics import Complex, Floats, Indices, index_blocks, sums_by_index
 from polywigner.numerics.chirps import waves_of_cycles
 from polywigner.numerics.nodes import NODES_PER_CYCLE, areas, gauss_rule, triangles_of
 from polywigner.radiometry.directions import largest_transverse_cosine
@@ -270,18 +270,15 @@ class Links:
     def _blocks(self, pairs: Pairs, order: int) -> Iterator[tuple[slice, Complex, Complex, Sight]]:
         """Yield slices of pairs, with M_i and M'_j of (RX3) and the distances between nodes."""
         count = order * order
-        most = max(1, _MOMENTS // count)
         step = max(1, _BLOCK // count**2)
-        rows = max(1, _BLOCK // (step * count))
-        for begin in range(0, len(pairs), most):
-            part = pairs[begin : begin + most]
+        for several in index_blocks(len(pairs), _MOMENTS // count):
+            part = pairs[several]
             towards = self._between(part)
             towards /= np.linalg.norm(towards, axis=1)[:, None]
             back = np.einsum("nji,nj->ni", self.rotation[part.pose], towards)
             here = self._moments(self.transmitter, part.transmitter, -towards[:, :2], order)
             there = self._moments(self.receiver, part.receiver, back[:, :2], order)
-            for start in range(0, len(part), step):
-                local = slice(start, min(start + step, len(part)))
+            for local in index_blocks(len(part), step):
                 block_pairs = part[local]
                 ahead = towards[local, :, None]
                 x, from_x = _nodes(self.transmitter, block_pairs.transmitter, order)
@@ -291,9 +288,8 @@ class Links:
                 y, from_y = (nodes @ axes for nodes in receiver_nodes)
                 left = here[local] * waves_of_cycles((from_x @ ahead[:, :2])[..., 0])
                 right = there[local] * waves_of_cycles(-(from_y @ ahead)[..., 0])
-                block = slice(begin + local.start, begin + local.stop)
-                for first in range(0, count, rows):
-                    row = slice(first, first + rows)
+                block = slice(several.start + local.start, several.start + local.stop)
+                for row in index_blocks(count, _BLOCK // (step * count)):
                     yield block, left[:, row], right, Sight(x[:, row], y, offset, rotation)
 
     def _moments(self, cells: Cells, numbers: Indices, waves: Floats, order: int) -> Complex:
@@ -304,13 +300,11 @@ class Links:
         fastest = float(np.linalg.norm(waves, axis=1).max(initial=0.0))
         rate = float(np.ceil(fastest / _RATE_STEP) * _RATE_STEP)
         moments = np.zeros((len(numbers), order, order), np.complex128)
-        step = max(1, _PRODUCT // (2 * order * order))
         for cell in np.unique(numbers).tolist():
             (rows,) = np.nonzero(numbers == cell)
             points, weights = cells.nodes(cell, rate, order, self.extra)
             half, relative = (cells.high[cell] - cells.low[cell]) / 2, points - _centre(cells, cell)
-            for start in range(0, len(points), step):
-                part = slice(start, start + step)
+            for part in index_blocks(len(points), _PRODUCT // (2 * order * order)):
                 first, second = _lagrange(relative[part] / half, order)
                 size = 1 + len(rows) * first.size // _BLOCK
                 for block in np.array_split(rows, min(len(rows), size)):

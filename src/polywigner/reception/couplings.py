@@ -24,7 +24,7 @@ from polywigner.geometry.arguments import (
     warn_of_distance,
 )
 from polywigner.kernels.boundary.integrals import distance_of, point_in_wavelengths
-from polywigner.numerics import Complex, Floats
+from polywigner.numerics import Complex, Floats, index_blocks
 from polywigner.numerics.phases import reduced
 from polywigner.propagation.far_fields import far_field, powers_of
 from polywigner.propagation.point_grids import checked_method, tolerance_from, warn_of_missed
@@ -235,9 +235,8 @@ class _Link:
             parts = list(map(polarised_parts, self.sources, self.jones))
         floor = 0.0 if self.method == "fraunhofer" else _FLOOR * self.norm("aperture")
         for sent, received in product(*parts):
-            with with_progress("links", range(0, len(poses), _BLOCK)) as starts:
-                for start in starts:
-                    block = slice(start, start + _BLOCK)
+            with with_progress("links", index_blocks(len(poses), _BLOCK)) as blocks:
+                for block in blocks:
                     terms = self._between(sent, received, poses[block], floor)
                     values[block] += terms[0]
                     errors[block] += terms[1]

@@ -21,7 +21,7 @@ from polywigner.geometry.arguments import (
     takes_frequency,
     warn_caller,
 )
-from polywigner.numerics import Complex, Floats
+from polywigner.numerics import Complex, Floats, index_blocks
 from polywigner.propagation.point_grids import angle_axes, checked_angles
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.scattering.facet_beams import sums_of_beams
@@ -423,13 +423,12 @@ class Pattern:
         warn_of_small(self.facets, self.wavelength)
         if self.bounces == 1:
             warn_of_reflections(self.facets, self._some_directions())
-        values, step = np.empty(self.shape), max(1, _TOGETHER // max(1, len(self.elevation)))
-        for start in range(0, len(values), step):
-            rows = slice(start, start + step)
+        values = np.empty(self.shape)
+        for rows in index_blocks(len(values), _TOGETHER // max(1, len(self.elevation))):
             try:
                 values[rows] = self.at(self.azimuth[rows, None], self.elevation)
             except ArgumentError as error:  # too many overlaps or beams
-                if start == 0:
+                if rows.start == 0:
                     raise
                 warn_caller(f"the cross sections at some azimuths are NaN: {error}")
                 values[rows] = np.nan

@@ -31,7 +31,7 @@ from polywigner.geometry.hidden_parts import (
     unions,
     visible_parts,
 )
-from polywigner.numerics import Complex, Floats, Indices
+from polywigner.numerics import Complex, Floats, Indices, index_blocks
 from polywigner.scattering.facets import (
     Facets,
     Pieces,
@@ -356,9 +356,9 @@ def _heights(facets: Facets, beams: Beams, corners: Floats) -> Floats:
 def _candidates(facets: Facets, ends: Ends, beams: Beams) -> tuple[Indices, Indices, Sides]:
     """Return beam, triangle and illuminated side of pairs whose bounding boxes overlap."""
     points = facets.corners.reshape(-1, 3)
-    step, columns = max(1, _BLOCK // len(points)), []
-    for start in range(0, len(beams), step):
-        block = beams.taken(slice(start, start + step))
+    columns = []
+    for some in index_blocks(len(beams), _BLOCK // len(points)):
+        block = beams.taken(some)
         shape = len(block), len(facets.corner), 3
         sides = facing(facets, _transformed(np.swapaxes(block.rotation, 1, 2), ends.k[block.wave]))
         may_meet = sides != 0
@@ -373,7 +373,7 @@ def _candidates(facets: Facets, ends: Ends, beams: Beams) -> tuple[Indices, Indi
             may_meet &= flat.max(axis=2) > bounds[:, axis, None]
             may_meet &= flat.min(axis=2) < bounds[:, 2 + axis, None]
         beam, facet = np.nonzero(may_meet)
-        columns.append((beam + start, facet, sides[beam, facet]))
+        columns.append((beam + some.start, facet, sides[beam, facet]))
     beam, facet, signs = (np.concatenate(column) for column in zip(*columns, strict=True))
     return beam, facet, signs
 
@@ -436,10 +436,9 @@ def _add_fields(later: Complex, facets: Facets, hits: Hits, ends: Ends, lengths:
     )
     corner -= (beams.shift * k).sum(axis=1)
     fields = (np.cross(np.eye(3), pieces.vector[:, None]) @ back).reshape(-1, 9)
-    step = max(1, _BLOCK // int(ends.of_view[1].max()))
-    for start in range(0, len(view), step):
-        piece, sample = _members(view[start : start + step], ends.of_view)
-        piece, sample = piece + start, ends.samples[sample]
+    for some in index_blocks(len(view), _BLOCK // int(ends.of_view[1].max())):
+        piece, sample = _members(view[some], ends.of_view)
+        piece, sample = piece + some.start, ends.samples[sample]
         waves = transforms(*(phase[piece] / lengths[sample] for phase in (corner, first, second)))
         _add_rows(later.reshape(-1, 9), sample, waves[:, None] * fields[piece])
 

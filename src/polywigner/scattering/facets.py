@@ -32,7 +32,7 @@ from polywigner.geometry.hidden_parts import (
 )
 from polywigner.geometry.parts import connected
 from polywigner.geometry.silhouettes import obstacle_of, shells
-from polywigner.numerics import Complex, Floats, Indices, cluster_indices
+from polywigner.numerics import Complex, Floats, Indices, cluster_indices, index_blocks
 from polywigner.numerics.phases import rotated, simplex_plane_wave
 from polywigner.source import Array
 
@@ -386,9 +386,8 @@ def surface_sums(pieces: Pieces, nu: Floats, signs: Signs | None = None) -> Comp
     """
     result = np.zeros((len(nu), 3), np.complex128)
     columns = max(1, min(len(pieces), _AT_ONCE))
-    rows = _AT_ONCE // columns
-    of_directions = [slice(k, k + rows) for k in range(0, len(nu), rows)]
-    of_triangles = [slice(k, k + columns) for k in range(0, len(pieces), columns)]
+    of_directions = index_blocks(len(nu), _AT_ONCE // columns)
+    of_triangles = index_blocks(len(pieces), columns)
     with with_progress(_TITLE, list(product(of_directions, of_triangles))) as blocks:
         for rows_here, columns_here in blocks:
             block = pieces.taken(columns_here)

@@ -19,7 +19,7 @@ from shapely.errors import GEOSException
 from polywigner.errors import ArgumentError, GeometryError, value_text
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_choice, real_array, rigid_poses, warn_caller
-from polywigner.numerics import Complex, Floats
+from polywigner.numerics import Complex, Floats, index_blocks
 from polywigner.propagation import amplitude_with_error, field
 from polywigner.propagation.boundary import Radiator, boundary_field, cosines_of, radiator_of
 from polywigner.propagation.point_grids import tolerance_from
@@ -399,8 +399,8 @@ def _summed(
     """Return the sum over all pieces in (SC3), each divided into four if ``split`` is true."""
     q, p = polarisations
     total = np.zeros(np.broadcast_shapes(q.shape, p.shape)[:-1], np.complex128)
-    for start in range(0, len(pieces), _BLOCK):
-        block = pieces.taken(slice(start, start + _BLOCK))
+    for some in index_blocks(len(pieces), _BLOCK):
+        block = pieces.taken(some)
         block = _quartered(block) if split else block
         centre = block.corner + (block.first + block.second) / 3
         sent, slope, ahead = transmitter.wave(centre)

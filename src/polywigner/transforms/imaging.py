@@ -31,7 +31,7 @@ from polywigner.geometry.arguments import (
 )
 from polywigner.geometry.hidden_parts import edges_around
 from polywigner.geometry.parts import shifted
-from polywigner.numerics import Complex, Floats, Indices, sums_by_index
+from polywigner.numerics import Complex, Floats, Indices, index_blocks, sums_by_index
 from polywigner.numerics.phases import simplex_plane_wave
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
@@ -241,10 +241,9 @@ def partially_coherent_image(
     modes = vectors[:, some] * np.sqrt(parts[some])
     flat = image_points.reshape(-1, 2)
     image = np.empty(len(flat))
-    step = max(1, _BLOCK // len(orders))
-    for start in range(0, len(flat), step):
-        waves = np.exp(2j * np.pi * (flat[start : start + step] @ orders.T))
-        image[start : start + step] = np.square(np.abs(waves @ modes)).sum(axis=1)
+    for block in index_blocks(len(flat), _BLOCK // len(orders)):
+        waves = np.exp(2j * np.pi * (flat[block] @ orders.T))
+        image[block] = np.square(np.abs(waves @ modes)).sum(axis=1)
     return image.reshape(image_points.shape[:-1])[()]
 
 
@@ -343,8 +342,7 @@ class _System:
         _check_orders(len(lags), self.size)
         first, second = np.triu_indices(len(lags))
         above = np.zeros((len(lags), len(lags)), np.complex128)
-        blocks = [slice(k, k + _PAIRS) for k in range(0, len(first), _PAIRS)]
-        with with_progress("pairs of orders", blocks) as remaining:
+        with with_progress("pairs of orders", index_blocks(len(first), _PAIRS)) as remaining:
             for some in remaining:
                 pairs = first[some], second[some]
                 above[pairs] = self.coefficients(lags, *pairs)

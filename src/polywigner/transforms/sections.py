@@ -21,7 +21,7 @@ from polywigner.execution import NumpyOperations
 from polywigner.geometry import Aperture
 from polywigner.geometry.hidden_parts import edges_around
 from polywigner.geometry.parts import shifted
-from polywigner.numerics import Complex, Floats, Indices, cluster_indices
+from polywigner.numerics import Complex, Floats, Indices, cluster_indices, index_blocks
 from polywigner.numerics.phases import (
     cos_sin_cycles,
     cycles_to_centre,
@@ -335,9 +335,7 @@ def mirrored_correlation(field: PlaneField, x: Floats, lag: Floats) -> NDArray[A
             for at in (begin, end)
         ]
         weight = -edges.step[i] * np.conj(edges.step[j]) * (end - begin)
-        size = max(1, _BLOCK // max(1, len(lag)))
-        for k in range(0, len(weight), size):
-            part = slice(k, k + size)
+        for part in index_blocks(len(weight), _BLOCK // max(1, len(lag))):
             distances = _mean_distance(lag - rise[0][part, None], lag - rise[1][part, None])
             values[row] += weight[part] @ distances
     return values

@@ -20,7 +20,7 @@ from polywigner import kernels
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.geometry import Aperture, Slits, Wavefront
 from polywigner.geometry.rings import sides_of
-from polywigner.numerics import Complex, Floats
+from polywigner.numerics import Complex, Floats, index_blocks
 from polywigner.numerics.chirps import chirp_over_intervals, chirp_over_rings, waves_of_cycles
 from polywigner.numerics.nodes import gaussian_product_rule
 from polywigner.source.normal_form import normal_form
@@ -204,6 +204,6 @@ def mean_over_tilts(
     if math.prod(shape) * len(weights) <= _BLOCK:
         return mean(*arrays)[()]
     flat = [np.broadcast_to(a, (*shape, a.shape[-1])).reshape(-1, a.shape[-1]) for a in arrays]
-    step = max(1, _BLOCK // len(weights))
-    parts = [mean(*(a[k : k + step] for a in flat)) for k in range(0, len(flat[0]), step)]
+    blocks = index_blocks(len(flat[0]), _BLOCK // len(weights))
+    parts = [mean(*(a[block] for a in flat)) for block in blocks]
     return np.concatenate(parts).reshape(shape)
