@@ -7,9 +7,9 @@ two visible parts cancel, and the remaining sides bound the shadow.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import shapely
@@ -22,7 +22,8 @@ from polywigner.geometry.hidden_parts import (
     in_perspective,
     visible_parts,
 )
-from polywigner.numerics import Floats, Indices
+from polywigner.geometry.polyhedron import axes_across
+from polywigner.numerics import Columns, Floats, Indices
 
 # Cosine of the largest half-angle of a cone that is projected onto one plane instead of six.
 _NARROW = 0.5
@@ -45,23 +46,8 @@ _EQUAL = 1e-6
 _CUBE = np.linalg.qr(np.array([[0.83, 0.31, 0.47], [-0.29, 0.91, 0.17], [0.41, -0.23, 0.87]]))[0]
 
 
-class _Columns:
-    """Base class of dataclasses whose fields are arrays with one row per item."""
-
-    @classmethod
-    def of(cls, parts: Sequence[Self]) -> Self:
-        """Concatenate the rows of several objects."""
-        names = [item.name for item in fields(cls)]  # type: ignore[arg-type]
-        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
-
-    def subset(self, rows: NDArray[np.bool_] | Indices) -> Self:
-        """Return the rows selected by a mask or by indices."""
-        arrays = (getattr(self, item.name) for item in fields(self))  # type: ignore[arg-type]
-        return type(self)(*(array[rows] for array in arrays))
-
-
 @dataclass(frozen=True)
-class Surface(_Columns):
+class Surface(Columns):
     """Illuminated triangles, whose corners are counter-clockwise as seen by the observer."""
 
     corners: Floats
@@ -172,9 +158,7 @@ def _projections(surface: Surface, observer: Floats) -> Iterator[tuple[Projected
     axis = directions.sum(axis=(0, 1))
     axis /= max(float(np.linalg.norm(axis)), 1e-300)
     if (directions @ axis).min() > _NARROW:
-        _, _, axes = np.linalg.svd(axis[None])
-        x = axes[1]
-        yield _projected(surface, observer, np.stack([x, np.cross(axis, x), axis]), False)
+        yield _projected(surface, observer, np.stack([*axes_across(-axis), axis]), False)
         return
     for k in range(3):
         for sign in (1.0, -1.0):
@@ -278,7 +262,7 @@ def _contours_in(figure: Projected, surface: Surface, closed: float) -> Silhouet
 
 
 @dataclass(frozen=True)
-class _Segments(_Columns):
+class _Segments(Columns):
     """Directed segments in a projection plane that bound the visible parts of triangles."""
 
     begin: Floats

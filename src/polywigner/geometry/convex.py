@@ -14,7 +14,15 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.errors import GeometryError
-from polywigner.geometry.rings import Part, Ring, area2, orientations, polygon_of_part, shoelace
+from polywigner.geometry.rings import (
+    Part,
+    Ring,
+    area2,
+    edges_of_rings,
+    orientations,
+    polygon_of_part,
+    shoelace,
+)
 from polywigner.numerics import Indices
 
 
@@ -174,8 +182,7 @@ def trapezoids(rings: Sequence[NDArray[np.float64]]) -> Trapezoids:
     The even-odd rule applies, so the orientation of rings does not matter. Trapezoids of less than
     1e-12 of the total area are dropped.
     """
-    start = np.concatenate(rings)
-    end = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
+    start, end = edges_of_rings(rings)
     rightwards = start[:, :1] <= end[:, :1]
     start, end = np.where(rightwards, start, end), np.where(rightwards, end, start)
     cuts = np.unique([*start[:, 0], *end[:, 0]])

@@ -20,6 +20,7 @@ from polywigner.geometry.rings import (
     Part,
     Ring,
     clean_ring,
+    edges_of_rings,
     extent,
     hull_spans_area,
     orientations,
@@ -346,8 +347,7 @@ def enclosed(rings: Sequence[Ring], winding: str) -> list[shapely.Polygon]:
     ``winding``: "nonzero" or "evenodd". The list is empty if the rings enclose no area.
     """
     # The grid avoids hairline faces along a curve that is traversed twice with different rounding.
-    points = np.concatenate(rings)
-    following = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
+    points, following = edges_of_rings(rings)
     # One line per ring, because GEOS takes many times as long with one line per edge.
     lines = [shapely.LineString(np.concatenate([ring, ring[:1]])) for ring in rings]
     noded = shapely.union_all(lines, grid_size=grid_size(points))

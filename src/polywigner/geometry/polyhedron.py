@@ -253,6 +253,13 @@ def normals_of(corners: Vertices) -> Vertices:
     return np.cross(relative[:, :-1], relative[:, 1:]).sum(axis=1)
 
 
+def axes_across(direction: Vertices) -> Vertices:
+    """Return the image axes of observers looking along unit vectors (..., 3), shape (..., 2, 3)."""
+    first = np.cross(direction, np.eye(3)[np.abs(direction).argmin(axis=-1)])
+    first /= np.linalg.norm(first, axis=-1, keepdims=True)
+    return np.stack([first, np.cross(first, direction)], axis=-2)
+
+
 def heights_of(points: Vertices, faces: Sequence[Sequence[int]]) -> Vertices:
     """Return the largest distance (f,) of each face's vertices from the plane of the face."""
     heights = np.zeros(len(faces))
@@ -322,8 +329,7 @@ def _triangles_of(points: Vertices, face: Indices, number: int) -> Indices:
     """
     corners = points[face]
     normal = _unit(normals_of(corners[None]))[0]
-    x = _unit(np.cross(normal, np.eye(3)[np.abs(normal).argmin()]))
-    flat = (corners - corners.mean(axis=0)) @ np.stack([x, np.cross(normal, x)], axis=1) + 0.0
+    flat = (corners - corners.mean(axis=0)) @ axes_across(-normal).T + 0.0
     vertex = {corner.tobytes(): int(k) for corner, k in zip(flat, face, strict=True)}
     outline = shapely.Polygon(flat)
     area = float(normals_of(corners[None])[0] @ normal) / 2

@@ -87,6 +87,11 @@ def shoelace(rings: Iterable[Ring]) -> Fraction:
     return Fraction(twice) * Fraction(2) ** (2 * exponent - 1)
 
 
+def edges_of_rings(rings: Sequence[Ring]) -> tuple[Ring, Ring]:
+    """Return the start and end points (n, 2) of the edges of all rings."""
+    return np.concatenate(rings), np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
+
+
 def signed_area(ring: Ring) -> float:
     """Return the signed area of one ring, positive if counter-clockwise, with the exact sign."""
     x, y = (ring - ring[0]).T

@@ -23,6 +23,7 @@ from polywigner.geometry.parts import connected
 from polywigner.geometry.polyhedron import (
     Polyhedron,
     distances_from,
+    normals_of,
     point_distances,
     windings_about,
 )
@@ -165,31 +166,36 @@ def obstacle_of(body: Polyhedron | PlacedAperture) -> Obstacle:
         return Obstacle(vertices, corners_of, owner, body.normal[None], False, True)
     points, triangles = body.vertices, body.triangles
     owner = np.repeat(np.arange(len(body.faces)), [len(face) - 2 for face in body.faces])
-    corners = points[triangles]
-    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals = np.zeros((len(body.faces), 3))
-    np.add.at(normals, owner, areas)
+    np.add.at(normals, owner, normals_of(points[triangles]))
     simple = is_convex(points, triangles, normals[owner])
     return Obstacle(points, triangles, owner, normals, True, simple)
 
 
 def shells(body: Obstacle) -> list[Obstacle]:
     """Split a body into its connected surfaces; a plate stays one obstacle."""
-    a, b, c = body.triangles.T
-    label = connected(len(body.vertices), np.append(a, a), np.append(b, c))
-    numbers = np.unique(label[a])
-    if not body.is_solid or len(numbers) == 1:
+    parts = connected_parts(body.vertices, body.triangles)
+    if not body.is_solid or len(parts) == 1:
         return [body]
     bodies = []
-    for number in numbers:
-        rows = label[a] == number
-        used, corners = np.unique(body.triangles[rows], return_inverse=True)
+    for points, triangles, rows in parts:
         faces, owner = np.unique(body.owner[rows], return_inverse=True)
-        points, normals = body.vertices[used], body.normals[faces]
-        triangles = corners.reshape(-1, 3)
+        normals = body.normals[faces]
         simple = is_convex(points, triangles, normals[owner.ravel()])
         bodies.append(Obstacle(points, triangles, owner.ravel(), normals, True, simple))
     return bodies
+
+
+def connected_parts(points: Floats, triangles: Indices) -> list[tuple[Floats, Indices, Indices]]:
+    """Return the vertices, triangles and triangle numbers (t,) of each connected part of a mesh."""
+    a, b, c = triangles.T
+    label = connected(len(points), np.append(a, a), np.append(b, c))[a]
+    order = np.argsort(label, kind="stable")
+    parts = []
+    for rows in np.split(order, np.flatnonzero(np.diff(label[order])) + 1) if len(order) else []:
+        used, corners = np.unique(triangles[rows], return_inverse=True)
+        parts.append((points[used], corners.reshape(-1, 3), rows))
+    return parts
 
 
 def is_convex(points: Floats, triangles: Indices, normals: Floats, error: float = ON) -> bool:
@@ -505,18 +511,27 @@ def hits(corners: Floats, rays: Floats) -> Iterator[tuple[slice, Floats, Floats]
     Yields slices of the rays; intersections (k, t) as fractions of the ray lengths, infinite if a
     ray misses a triangle; and the distances (t,) of the origin from the planes of the triangles.
     """
-    a, b, c = np.moveaxis(corners, 1, 0)
-    sides = [np.cross(b, c), np.cross(c, a), np.cross(a, b)]
-    volume = np.einsum("tk,tk->t", a, sides[0])
-    height = np.abs(volume) / np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    *sides, heights = np.split(pyramids(corners), [3, 6, 9], axis=1)
+    height = heights[:, 0]
     for some in index_blocks(len(rays), PAIRS // len(corners)):
         products = np.stack([rays[some] @ side.T for side in sides])
         total = products.sum(axis=0)
         sign = np.sign(total)
         with np.errstate(divide="ignore", invalid="ignore"):
-            at = volume / total
+            at = height / total
         met = (products * sign >= 0.0).all(axis=0) & (at > 0.0) & (sign != 0.0)
-        yield some, np.where(met, at, np.inf), height
+        yield some, np.where(met, at, np.inf), np.abs(height)
+
+
+def pyramids(corners: Floats) -> Floats:
+    """Return side normals and heights (t, 10) of pyramids from bases (t, 3, 3) to the origin.
+
+    Rows are divided by twice the areas of the bases.
+    """
+    a, b, c = np.moveaxis(corners, 1, 0)
+    sides = [np.cross(b, c), np.cross(c, a), np.cross(a, b)]
+    rows = np.column_stack([*sides, np.einsum("tk,tk->t", a, sides[0])])
+    return rows / np.linalg.norm(normals_of(corners), axis=1)[:, None]
 
 
 def contacts(

@@ -21,6 +21,7 @@ from polywigner.execution import NumpyOperations
 from polywigner.execution.choice import resolved
 from polywigner.execution.progress import with_progress
 from polywigner.geometry import Aperture
+from polywigner.geometry.rings import edges_of_rings
 from polywigner.kernels.boundary import integrals
 from polywigner.kernels.boundary.steepest_descent import steepest_edge_sum
 from polywigner.kernels.kernel import Kernel
@@ -217,8 +218,8 @@ def _divided_edges(outline: Aperture, longest: float) -> tuple[Floats, Floats, F
 
     Lengths are in m; ``longest`` is the largest length of a piece, and directions are unit vectors.
     """
-    begin = np.concatenate(outline.rings)
-    edge = np.concatenate([np.roll(ring, -1, axis=0) for ring in outline.rings]) - begin
+    begin, end = edges_of_rings(outline.rings)
+    edge = end - begin
     length = np.hypot(edge[:, 0], edge[:, 1])
     pieces = np.maximum(np.ceil(length / longest), 1.0).astype(np.intp)
     owner = np.repeat(np.arange(len(edge)), pieces)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from polywigner.geometry import Wavefront
 from polywigner.geometry.parts import grid_size, polygons_in, shifted
-from polywigner.geometry.rings import sides_of
+from polywigner.geometry.rings import edges_of_rings, sides_of
 from polywigner.numerics import Complex, Floats, Indices, index_blocks
 from polywigner.numerics.nodes import (
     Cells,
@@ -85,9 +85,7 @@ def _lag_cells(source: Wavefront) -> Cells:
     # Kinks lie on the segments V - E of all vertices V and edges E.
     longest = _longest_lags(source)
     half = shapely.box(-longest[0], 0.0, longest[0], longest[1])
-    rings = normal_form(source).rings
-    begin = np.concatenate(rings)
-    end = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
+    begin, end = edges_of_rings(normal_form(source).rings)
     kinks: list[Any] = []
     for some in index_blocks(len(begin), 256):
         vertices = begin[some, None]

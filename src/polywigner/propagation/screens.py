@@ -14,6 +14,7 @@ from polywigner.errors import ArgumentError, value_text
 from polywigner.execution import NumpyOperations
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_choice, finite_array
+from polywigner.geometry.rings import edges_of_rings
 from polywigner.kernels.boundary.edge_waves import EdgeRule, angle_about, edge_wave
 from polywigner.numerics import Complex, Floats, index_blocks
 from polywigner.numerics.chirps import waves_of_cycles
@@ -56,8 +57,7 @@ def waves_through(
     The source has the field exp(ikR)/R. Lengths are in m, and the field is in 1/m. ``mirrored``:
     factor of the edge waves of the source's mirror image.
     """
-    begin = np.concatenate(opening.rings) / wavelength
-    end = np.concatenate([np.roll(ring, -1, axis=0) for ring in opening.rings]) / wavelength
+    begin, end = (points / wavelength for points in edges_of_rings(opening.rings))
     start, stop = ((*edge.T[..., None], 0.0) for edge in (begin, end))
     position, image = np.array(source) / wavelength, np.array(source) * [1, 1, -1] / wavelength
     at_corner = _on_corner_lines(begin, position, points / wavelength)

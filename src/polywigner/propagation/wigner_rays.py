@@ -20,6 +20,7 @@ from polywigner.execution import Engine
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.arguments import warn_caller
 from polywigner.geometry.parts import grid_size, polygons_in
+from polywigner.geometry.rings import edges_of_rings
 from polywigner.kernels import Kernel, kernel_for
 from polywigner.kernels.functions.slices import SliceSum
 from polywigner.kernels.kernel import Values
@@ -262,10 +263,9 @@ def _kinks(source: Aperture | Array) -> Floats | None:
         grid = grid_size(positions) if positions.any() else 1.0
         means = np.unique(np.rint(means / grid), axis=0) * grid
     rings = [ring for element in elements for ring in element.rings]
-    vertices = np.concatenate(rings)
+    vertices, ends = edges_of_rings(rings)
     if len(means) * len(vertices) ** 2 > _MOST_KINKS:
         return None
-    ends = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
     first = vertices[:, None] / 2 + vertices / 2
     second = vertices[:, None] / 2 + ends / 2
     segments = np.stack([first, second], axis=-2).reshape(-1, 2, 2)

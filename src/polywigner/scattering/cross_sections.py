@@ -21,11 +21,12 @@ from polywigner.geometry.arguments import (
     takes_frequency,
     warn_caller,
 )
+from polywigner.geometry.polyhedron import axes_across
 from polywigner.numerics import Complex, Floats, index_blocks
 from polywigner.propagation.point_grids import angle_axes, checked_angles
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.scattering.facet_beams import sums_of_beams
-from polywigner.scattering.facets import Body, Facets, axes_across, facets_of, warn_of_reflections
+from polywigner.scattering.facets import Body, Facets, facets_of, warn_of_reflections
 from polywigner.scattering.near_fields import (
     Channel,
     Polarisation,

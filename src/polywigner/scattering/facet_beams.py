@@ -31,13 +31,13 @@ from polywigner.geometry.hidden_parts import (
     unions,
     visible_parts,
 )
-from polywigner.numerics import Complex, Floats, Indices, index_blocks
+from polywigner.geometry.polyhedron import axes_across
+from polywigner.numerics import Columns, Complex, Floats, Indices, index_blocks
 from polywigner.scattering.facets import (
     Facets,
     Pieces,
     Sides,
     Visible,
-    axes_across,
     facing,
     less_hidden,
     pieces_of,
@@ -205,7 +205,7 @@ def _views(
 
 
 @dataclass(frozen=True, eq=False)
-class Beams:
+class Beams(Columns):
     """Reflected plane waves, bounded by polygons in the transmitter's image plane."""
 
     wave: Indices
@@ -221,10 +221,6 @@ class Beams:
     """Offset of the last mirror along its normal, shape (n,)."""
     polygon: Shapes
     """Cross section in the transmitter's image plane, shape (n,)."""
-
-    def taken(self, rows: Indices | slice) -> Beams:
-        """Return the beams with the given indices."""
-        return Beams(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
     def __len__(self) -> int:
         return len(self.height)
@@ -300,7 +296,7 @@ def _reflected(facets: Facets, hits: Hits) -> Beams:
     polygons = hits.polygon[:0]
     if len(order):
         polygons = mended(unions(hits.polygon[order], number.ravel()[order], facets.size))
-    facet, before = hits.facet[first], hits.beams.taken(hits.beam[first])
+    facet, before = hits.facet[first], hits.beams.subset(hits.beam[first])
     normal = facets.normal[facet] * hits.signs[first, None]
     height = (normal * facets.corner[facet]).sum(axis=1)
     mirror = np.eye(3) - 2 * normal[:, :, None] * normal[:, None, :]
@@ -316,7 +312,7 @@ def _transformed(matrices: Floats, vectors: Floats) -> Floats:
 def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
     """Return the parts of all triangles that beams illuminate after their last reflection."""
     beam, facet, signs = _candidates(facets, ends, beams)
-    pairs, corners = beams.taken(beam), facets.corners[facet]
+    pairs, corners = beams.subset(beam), facets.corners[facet]
     unfolded = corners @ np.swapaxes(pairs.rotation, 1, 2) + pairs.shift[:, None]
     axes = np.concatenate([ends.across, ends.k[:, None]], axis=1)[pairs.wave]
     # Components: two across the incident direction, one along it.
@@ -358,7 +354,7 @@ def _candidates(facets: Facets, ends: Ends, beams: Beams) -> tuple[Indices, Indi
     points = facets.corners.reshape(-1, 3)
     columns = []
     for some in index_blocks(len(beams), _BLOCK // len(points)):
-        block = beams.taken(some)
+        block = beams.subset(some)
         shape = len(block), len(facets.corner), 3
         sides = facing(facets, _transformed(np.swapaxes(block.rotation, 1, 2), ends.k[block.wave]))
         may_meet = sides != 0
@@ -425,7 +421,7 @@ def _add_fields(later: Complex, facets: Facets, hits: Hits, ends: Ends, lengths:
     (cut,) = np.nonzero(~shapely.is_missing(limits))
     parts[cut] = intersections(mended(parts[cut]), mended(limits[cut]), GRID)
     pieces, owner = pieces_of(facets, facet, signs, parts)
-    beams, view = hits.beams.taken(hits.beam[hit[owner]]), view[owner]
+    beams, view = hits.beams.subset(hits.beam[hit[owner]]), view[owner]
     back = np.swapaxes(beams.rotation, 1, 2)
     k = ends.k[beams.wave]
     # Path lengths at a corner and along two sides. Divided by the wavelength, they are phases in

@@ -31,8 +31,9 @@ from polywigner.geometry.hidden_parts import (
     visible_parts,
 )
 from polywigner.geometry.parts import connected
+from polywigner.geometry.polyhedron import axes_across, normals_of
 from polywigner.geometry.silhouettes import obstacle_of, shells
-from polywigner.numerics import Complex, Floats, Indices, cluster_indices, index_blocks
+from polywigner.numerics import Columns, Complex, Floats, Indices, cluster_indices, index_blocks
 from polywigner.numerics.phases import rotated, simplex_plane_wave
 from polywigner.source import Array
 
@@ -166,8 +167,7 @@ def _facets(parts: tuple[Polyhedron | PlacedAperture, ...]) -> Facets:
     corners, plates = [], []
     for surface in surfaces:
         points = surface.vertices[surface.triangles]
-        area = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
-        points = points[np.abs(area).max(axis=1) > 0]
+        points = points[np.abs(normals_of(points)).max(axis=1) > 0]
         corners.append(points)
         plates.append(np.full(len(points), not surface.is_solid))
     triangles = np.concatenate(corners)
@@ -190,7 +190,7 @@ _TRIANGLE = shapely.Polygon([(0, 0), (1, 0), (0, 1)])
 
 
 @dataclass(frozen=True)
-class Pieces:
+class Pieces(Columns):
     """Illuminated or visible surface as n triangles."""
 
     corner: Floats
@@ -201,10 +201,6 @@ class Pieces:
     """Vectors to the third corners, shape (n, 3)."""
     vector: Floats
     """Normals on the illuminated side, times twice the areas, shape (n, 3)."""
-
-    def taken(self, rows: Indices | slice) -> Pieces:
-        """Return the triangles with the given indices."""
-        return Pieces(self.corner[rows], self.first[rows], self.second[rows], self.vector[rows])
 
     def __len__(self) -> int:
         return len(self.corner)
@@ -247,13 +243,6 @@ def _sides(cosine: Floats, is_plate: NDArray[np.bool_]) -> Sides:
     sides = (cosine < -_EDGE_ON).astype(np.int8)
     sides -= ((cosine > _EDGE_ON) & is_plate).astype(np.int8)
     return sides
-
-
-def axes_across(direction: Floats) -> Floats:
-    """Return the image axes of observers who look along ``direction``, shape (..., 2, 3)."""
-    first = np.cross(direction, np.eye(3)[np.abs(direction).argmin(axis=-1)])
-    first /= np.linalg.norm(first, axis=-1, keepdims=True)
-    return np.stack([first, np.cross(first, direction)], axis=-2)
 
 
 def visible_along(facets: Facets, direction: Floats) -> Visible:
@@ -390,7 +379,7 @@ def surface_sums(pieces: Pieces, nu: Floats, signs: Signs | None = None) -> Comp
     of_triangles = index_blocks(len(pieces), columns)
     with with_progress(_TITLE, list(product(of_directions, of_triangles))) as blocks:
         for rows_here, columns_here in blocks:
-            block = pieces.taken(columns_here)
+            block = pieces.subset(columns_here)
             shape = len(nu[rows_here]), len(block)
             sides = np.ones(shape, np.int8) if signs is None else signs(rows_here, columns_here)
             lit = np.nonzero(sides)

@@ -400,7 +400,7 @@ def _summed(
     q, p = polarisations
     total = np.zeros(np.broadcast_shapes(q.shape, p.shape)[:-1], np.complex128)
     for some in index_blocks(len(pieces), _BLOCK):
-        block = pieces.taken(some)
+        block = pieces.subset(some)
         block = _quartered(block) if split else block
         centre = block.corner + (block.first + block.second) / 3
         sent, slope, ahead = transmitter.wave(centre)
@@ -439,11 +439,11 @@ def _divided(pieces: Pieces, transmitter: Antenna, receiver: Antenna, tolerance:
 
     ``tolerance``: largest deviation (SC4). Raises ArgumentError for too many pieces.
     """
-    done, count = [pieces.taken(slice(0))], 0
+    done, count = [pieces.subset(slice(0))], 0
     while len(pieces):
         coarse = _deviation(pieces, transmitter, receiver) > tolerance
-        done.append(pieces.taken(np.flatnonzero(~coarse)))
-        pieces = pieces.taken(np.flatnonzero(coarse))
+        done.append(pieces.subset(~coarse))
+        pieces = pieces.subset(coarse)
         count += len(done[-1])
         if count + 4 * len(pieces) > _MOST:
             raise ArgumentError(
@@ -451,8 +451,7 @@ def _divided(pieces: Pieces, transmitter: Antenna, receiver: Antenna, tolerance:
                 "waves; use a larger tolerance, or move the source away from the body"
             )
         pieces = _quartered(pieces)
-    columns = zip(*(vars(part).values() for part in done), strict=True)
-    return Pieces(*map(np.concatenate, columns))
+    return Pieces.of(done)
 
 
 def _deviation(pieces: Pieces, transmitter: Antenna, receiver: Antenna) -> Floats:

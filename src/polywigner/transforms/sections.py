@@ -21,6 +21,7 @@ from polywigner.execution import NumpyOperations
 from polywigner.geometry import Aperture
 from polywigner.geometry.hidden_parts import edges_around
 from polywigner.geometry.parts import shifted
+from polywigner.geometry.rings import edges_of_rings
 from polywigner.numerics import Complex, Floats, Indices, cluster_indices, index_blocks
 from polywigner.numerics.phases import (
     cos_sin_cycles,
@@ -112,8 +113,7 @@ class _EdgesFromLeft:
 def _edges_from_left(field: PlaneField) -> _EdgesFromLeft:
     """Return the edges of a field that are not vertical, directed from left to right."""
     rings = [(k, ring) for k, element in enumerate(field.elements) for ring in element.rings]
-    start = np.concatenate([ring for _, ring in rings])
-    end = np.concatenate([np.roll(ring, -1, axis=0) for _, ring in rings])
+    start, end = edges_of_rings([ring for _, ring in rings])
     element = np.repeat([k for k, _ in rings], [len(ring) for _, ring in rings])
     run = end[:, 0] - start[:, 0]
     used = run != 0

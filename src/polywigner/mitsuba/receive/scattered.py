@@ -32,9 +32,9 @@ from polywigner.mitsuba.receive.ray_transmission import joined, point_batches
 from polywigner.mitsuba.scenes.rendering import check_is_complete, exposed, illuminated_by
 from polywigner.mitsuba.scenes.surfaces import (
     bounds_of,
-    connected_parts,
     faces_of,
     is_receiver,
+    pieces_of_mesh,
     sorted_shapes,
     vertices_of,
     wigner_emitters,
@@ -83,10 +83,10 @@ def _boxes(shape: Any) -> list[Floats]:
     shape_box = [bounds_of(shape)]
     if "faces" not in mi.traverse(shape) or not 1 < shape.face_count() <= _MOST_FACES:
         return shape_box
-    points, parts = connected_parts(vertices_of(shape), faces_of(shape))
-    if not 1 < len(parts) <= _MOST_PIECES:
+    pieces = pieces_of_mesh(vertices_of(shape), faces_of(shape))
+    if not 1 < len(pieces) <= _MOST_PIECES:
         return shape_box
-    return [np.array([points[p].min(axis=(0, 1)), points[p].max(axis=(0, 1))]) for p in parts]
+    return [np.array([points.min(axis=0), points.max(axis=0)]) for points, _ in pieces]
 
 
 def _vectors_to_boxes(sensor: Any, boxes: Floats) -> Floats:

@@ -12,6 +12,7 @@ import numpy as np
 
 from polywigner.errors import ArgumentError, PolywignerError, SceneError
 from polywigner.geometry.arguments import checked_count
+from polywigner.geometry.polyhedron import axes_across, normals_of
 from polywigner.geometry.shapes import square
 from polywigner.mitsuba.scenes.surfaces import faces_of, sorted_shapes, vertices_of
 from polywigner.numerics import Complex, Floats
@@ -160,11 +161,11 @@ def _is_same_plane(plane: tuple[Floats, float], normal: Floats, offset: float, s
 
 def _corners_and_normals(shape: mi.Mesh) -> tuple[Floats, Floats]:
     """Return a corner and the unit normal of each triangle with an area, shapes (n, 3)."""
-    a, b, c = np.moveaxis(vertices_of(shape)[faces_of(shape)], 1, 0)
-    normals = np.cross(b - a, c - a)
+    corners = vertices_of(shape)[faces_of(shape)]
+    normals = normals_of(corners)
     lengths = np.linalg.norm(normals, axis=1)
     has_area = lengths > 0
-    return a[has_area], normals[has_area] / lengths[has_area, None]
+    return corners[has_area, 0], normals[has_area] / lengths[has_area, None]
 
 
 def _centre_and_normal(shape: mi.Shape) -> tuple[Floats, Floats]:
@@ -273,7 +274,7 @@ def reflected(field: Any, direction: Floats, normal: Floats, surface: Surface) -
     """
     across = np.cross(normal, direction)
     if np.linalg.norm(across) < _NORMAL_INCIDENCE:
-        across = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+        across = axes_across(normal)[0]
     across = across / np.linalg.norm(across)
     outgoing = direction - 2 * (normal @ direction) * normal
     r_across, r_along = surface.coefficients(abs(float(normal @ direction)))
@@ -303,10 +304,8 @@ class Body:
         """
         z = image.centre - self.facets.centre
         z /= np.linalg.norm(z)
-        x = np.cross(np.eye(3)[np.abs(z).argmin()], z)
-        x /= np.linalg.norm(x)
         pose = np.eye(4)
-        pose[:3] = np.stack([x, np.cross(z, x), z, self.facets.centre], axis=-1)
+        pose[:3] = np.stack([*axes_across(-z), z, self.facets.centre], axis=-1)
         return replace(like, source=square(self.facets.size / 2), pose=pose)
 
     def antenna(self, image: PlacedSource, wavelength: float) -> Antenna:
