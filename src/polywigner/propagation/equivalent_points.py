@@ -195,17 +195,6 @@ def sines_towards(low: Floats, high: Floats, boxes: Floats) -> Sines:
     return bounds[0], bounds[1]
 
 
-def oblique_change(ops: Any, ahead: Point, field: Point, rate: Pair, cycles: Any = None) -> Pair:
-    """Return the obliquity term of (SB5) for a point source.
-
-    ``field``: real and imaginary part of its weight. ``rate`` is the derivative of the boundary
-    wave with respect to z of the source. ``cycles``: see :func:`spherical_wave`.
-    """
-    # i/(2 pi) from the derivative, -1/(2 pi) from the boundary wave.
-    wave = spherical_wave(ops, ahead, cycles) * Pair(*field) * rate
-    return Pair(wave.imag, -wave.real).scaled(0.25 / math.pi**2)
-
-
 def spherical_wave(ops: Any, ahead: Point, cycles: Any = None) -> Pair:
     """Return the spherical wave ``exp(2 pi i R)/(i R)``, where R is the length of ``ahead``.
 
@@ -222,9 +211,14 @@ def wave_ahead(ops: Any, ahead: Point, field: Point, slope: Point, cycles: Any =
     ``field`` and ``slope`` are real and imaginary part of the weights of the field and of the
     normal derivative. ``cycles``: see :func:`spherical_wave`.
     """
+    of_field = Pair(*field) * dipole_obliquity(ops, ahead)
+    return spherical_wave(ops, ahead, cycles) * (of_field + Pair(*slope))
+
+
+def dipole_obliquity(ops: Any, ahead: Point) -> Pair:
+    """Return the ratio of the wave of a dipole along z to a spherical wave."""
     inverse = 1.0 / ops.sqrt(sum(a * a for a in ahead))
-    near = Pair(1.0, (0.5 / math.pi) * inverse).scaled(ahead[2] * inverse)
-    return spherical_wave(ops, ahead, cycles) * (Pair(*field) * near + Pair(*slope))
+    return Pair(1.0, (0.5 / math.pi) * inverse).scaled(ahead[2] * inverse)
 
 
 class RadiatingPoint(NamedTuple):

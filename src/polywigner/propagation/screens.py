@@ -76,15 +76,15 @@ def waves_through(
         incident = spherical_field(position, at, 1.0) / wavelength
         path = tuple(position), tuple(at.T), start, stop
         aside = tuple((at + shift).T)
-        real, imag = edge_wave(_OPS, _RULE, *path, aside)
+        wave = edge_wave(_OPS, _RULE, *path, aside)
         angle = angle_about(_OPS, path[0], aside, start, stop)
-        field[block] = incident * (angle - real - 1j * imag).sum(axis=0) / (2 * math.pi)
+        field[block] = incident * (angle - wave.real - 1j * wave.imag).sum(axis=0) / (2 * math.pi)
         errors[block] = _ERROR * abs(incident)
         if mirrored:
             at = np.where((at == image).all(axis=1)[:, None], at + shift, at)
             reflected = spherical_field(image, at, 1.0) / wavelength
-            real, imag = edge_wave(_OPS, _RULE, tuple(image), tuple(at.T), start, stop)
-            waves = (real + 1j * imag).sum(axis=0)
+            wave = edge_wave(_OPS, _RULE, tuple(image), tuple(at.T), start, stop)
+            waves = (wave.real + 1j * wave.imag).sum(axis=0)
             field[block] += mirrored * reflected * waves / (2 * math.pi)
             errors[block] += _ERROR * abs(mirrored * reflected) * len(begin)
     return field, errors

@@ -20,7 +20,7 @@ and its last term is integrated in closed form, (B4).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -379,14 +379,14 @@ def edge_wave(
     ops: Any, rule: EdgeRule, source: Point, point: Point, start: Point, end: Point,
     aside: Point | None = None, when: Callable[..., tuple[Any, Any]] = _always,
     blocked: Any = None, in_front: Any = None,
-) -> tuple[Any, Any]:  # fmt: skip
+) -> Pair:  # fmt: skip
     """Return 2 pi times the ratio of the boundary wave of an edge to the unobstructed wave.
 
     The boundary wave is the integral of the wave of a point source along a directed edge of a
     silhouette, (SB3). The square v^2 of the variable of integration is the detour minus the
     shortest detour. The integrand is exp(2 pi i v^2) times a smooth even function, whose poles at
     the shadow boundary are integrated in closed form. Beyond ``rule.cycles`` the path of
-    integration is complex. The result is a tuple of the real and the imaginary part.
+    integration is complex.
 
     Parameters
     ----------
@@ -496,7 +496,7 @@ def edge_wave(
     # use the same position near the point, so that the sum over all edges is smooth.
     paths_aside = paths if aside is None else _EdgePaths(ops, source, aside, start, along, length)
     step = step * paths_aside.angle(ops, limit, side)
-    return real + step + farther[0], imag + farther[1]
+    return Pair(real + step + farther[0], imag + farther[1])
 
 
 def edge_wave_and_rate(
@@ -514,8 +514,27 @@ def edge_wave_and_rate(
     aside = None if aside is None else jets.constants(aside)
     flags = (None if flag is None else jets.constants((flag,))[0] for flag in (blocked, in_front))
     source_jets = (*jets.constants(source[:2]), height)
-    parts = edge_wave(jets, rule, source_jets, point, start, end, aside, when, *flags)
+    wave = edge_wave(jets, rule, source_jets, point, start, end, aside, when, *flags)
+    parts = wave.real, wave.imag
     return Pair(*(part.value for part in parts)), Pair(*(part.derivatives[0] for part in parts))
+
+
+def edge_change(
+    ops: Any, rule: EdgeRule, path: Sequence[Point], wave: Pair, dipole: Pair | None, **how: Any
+) -> tuple[Pair, Pair]:
+    """Return the change of a point source's wave by an edge, and the result of :func:`edge_wave`.
+
+    ``path``: source, point, ends of the edge, and optionally the position near the point. ``wave``
+    and ``dipole``: at the point, the wave, and its part that depends on the direction, without
+    obliquity; None if it is zero, (SB5). ``how``: further arguments of :func:`edge_wave`.
+    """
+    if dipole is None:
+        boundary = edge_wave(ops, rule, *path, **how)
+        return wave * boundary.scaled(-0.5 / math.pi), boundary
+    boundary, rate = edge_wave_and_rate(ops, rule, *path, **how)
+    # i/(2 pi) from the derivative, -1/(2 pi) from the boundary wave.
+    bend = (dipole * rate).scaled(0.25 / math.pi**2)
+    return wave * boundary.scaled(-0.5 / math.pi) + Pair(bend.imag, -bend.real), boundary
 
 
 def path_over(

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import logging
-import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache, partial
@@ -40,6 +39,7 @@ from polywigner.mitsuba.scenes import surfaces
 from polywigner.numerics.jets import Jet, flattened, rebuilt
 from polywigner.numerics.phases import Pair, unit_wave
 from polywigner.propagation import equivalent_points, shadows
+from polywigner.propagation.equivalent_points import dipole_obliquity
 from polywigner.propagation.source_nodes import (
     EDGE_AMPLITUDE,
     SourceNodes,
@@ -332,47 +332,39 @@ class Shadows:
 
     def _change_at(self, wave_of: NodeWave, number: Drjit, edge: _Edge, at: Point) -> Pair:
         """Return the change in a node's wave due to an edge, weighted by the wave at the point."""
-        ops, node = self._ops, self._ops.gather(self._tables["nodes"], number)
-        source, start, end, blocked = self._boundary(node, number, edge, at)
+        node = self._ops.gather(self._tables["nodes"], number)
         real, imag, *dipole = wave_of(number)
-        wave = Pair(real, imag)
-        if not self._is_oblique:
-            boundary = Pair(
-                *edge_waves.edge_wave(
-                    ops, _RULE, source, at, start, end, when=self._when, blocked=blocked
-                )
-            )
-            return wave * boundary.scaled(-0.5 / math.pi)
-        boundary, rate = edge_waves.edge_wave_and_rate(
-            ops, _RULE, source, at, start, end, when=self._when_jets, blocked=blocked
-        )
-        # The factor (SB5) is i/(2 pi) from the derivative, times -1/(2 pi) from the boundary wave.
-        bend = (Pair(*dipole) * rate).scaled(0.25 / math.pi**2)
-        return wave * boundary.scaled(-0.5 / math.pi) + Pair(bend.imag, -bend.real)
+        of_dipole = Pair(*dipole) if self._is_oblique else None
+        path, blocked = self._boundary(node, number, edge, at)
+        return self._changed(_RULE, path, Pair(real, imag), of_dipole, blocked)
 
     def _change_from(self, number: Drjit, edge: _Edge, at: Point) -> Pair:
         """Return the change in a node's wave due to an edge, weighted by the wave at the edge."""
         ops, row = self._ops, edge.row
         node = ops.gather(self._tables["nodes"], number)
-        source, start, end, blocked = self._boundary(node, number, edge, at)
+        path, blocked = self._boundary(node, number, edge, at)
         weight, dipole = self._wave_at_edge(number, edge)
         ahead, turns = self._path(node, at)
         wave = equivalent_points.spherical_wave(ops, ahead, turns)
         if not self._is_single:
-            boundary = Pair(
-                *edge_waves.edge_wave(
-                    ops, _FAR_RULE, source, at, start, end, when=self._when, blocked=blocked
-                )
-            )
-            return wave * weight * boundary.scaled(-0.5 / math.pi)
-        boundary, rate = edge_waves.edge_wave_and_rate(
-            ops, _FAR_RULE, source, at, start, end, when=self._when_jets, blocked=blocked
-        )
+            return self._changed(_FAR_RULE, path, wave * weight, None, blocked)
         foot = tuple(a + edge.foot * (b - a) for a, b in zip(row[:3], row[3:6], strict=True))
-        weight = weight + dipole * _obliquity(ops, ahead)
-        weight = weight - dipole * _obliquity(ops, difference(foot, source))
-        bend = equivalent_points.oblique_change(ops, ahead, (dipole.real, dipole.imag), rate, turns)
-        return wave * weight * boundary.scaled(-0.5 / math.pi) + bend
+        weight = weight + dipole * dipole_obliquity(ops, ahead)
+        weight = weight - dipole * dipole_obliquity(ops, difference(foot, path[0]))
+        return self._changed(_FAR_RULE, path, wave * weight, wave * dipole, blocked)
+
+    def _changed(
+        self,
+        rule: edge_waves.EdgeRule,
+        path: Sequence[Point],
+        wave: Pair,
+        dipole: Pair | None,
+        blocked: Any,
+    ) -> Pair:
+        """Return the change of a wave by an edge; see :func:`edge_waves.edge_change`."""
+        when = self._when if dipole is None else self._when_jets
+        how = {"when": when, "blocked": blocked}
+        return edge_waves.edge_change(self._ops, rule, path, wave, dipole, **how)[0]
 
     def _wave_at_edge(self, number: Drjit, edge: _Edge) -> tuple[Pair, Pair]:
         """Return the wave of a node at an edge, and its dipole contribution without obliquity.
@@ -390,8 +382,8 @@ class Shadows:
 
     def _boundary(
         self, node: Drjit, number: Drjit, edge: _Edge, at: Point
-    ) -> tuple[Point, Point, Point, Any]:
-        """Return a node, both ends of an edge, and whether the face at the edge blocks its wave.
+    ) -> tuple[tuple[Point, ...], Any]:
+        """Return node, point and both ends of an edge, and whether the edge's face blocks its wave.
 
         ``number`` selects the ends, which can differ between nodes. The last result is None if no
         face of the scene blocks boundary waves.
@@ -403,7 +395,7 @@ class Shadows:
         blocked = None
         if self._is_blocked:
             blocked = shadows.behind_face(ops, source, start, end, row[6:10], at, 0.0)
-        return source, start, end, blocked
+        return (source, at, start, end), blocked
 
     @staticmethod
     def _if(condition: Drjit, compute: Callable[..., Any], state: Any) -> Any:
@@ -487,12 +479,6 @@ class Shadows:
         state = tuple(flattened(arguments))
         parts = dr.if_stmt(state, condition, flat, lambda *_: zeros, mode="symbolic")
         return Jet(self._ops, parts[0], parts[1:2]), Jet(self._ops, parts[2], parts[3:])
-
-
-def _obliquity(ops: Any, ahead: Point) -> Pair:
-    """Return the ratio of the wave of a dipole along z to a spherical wave."""
-    inverse = 1.0 / ops.sqrt(dot(ahead, ahead))
-    return Pair(1.0, (0.5 / math.pi) * inverse).scaled(ahead[2] * inverse)
 
 
 def _nodes_and_silhouettes(
