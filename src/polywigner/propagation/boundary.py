@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,6 +97,13 @@ class Radiator:
         return sum(
             e.outline.polygons.length * len(e.amplitudes) * len(e.shifts) for e in self.elements
         )
+
+    def times(self, factor: Callable[[Floats], Any]) -> Radiator:
+        """Return a source whose plane waves are multiplied by a function of frequencies (m, 2)."""
+        elements = (
+            replace(e, amplitudes=e.amplitudes * factor(e.frequencies)) for e in self.elements
+        )
+        return replace(self, elements=tuple(elements))
 
     def distance(self, points: Floats) -> Floats:
         """Return the distances (n,) of points (n, 3) from the bounding box, in m."""

@@ -29,7 +29,7 @@ from polywigner.propagation.point_grids import (
     warn_of_missed,
 )
 from polywigner.source import Array
-from polywigner.source.normal_form import SourceElement, normal_form
+from polywigner.source.normal_form import normal_form
 from polywigner.transforms import autocorrelation, fourier
 from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.wavefronts import checked_wavefront, chirp_transform
@@ -199,14 +199,8 @@ def _source_field(source: Any, x: Floats) -> NDArray[np.complex128]:
     total = np.zeros(len(x), np.complex128)
     for element in normal_form(source).in_plane.elements:
         inside = autocorrelation(element.outline, x, (0.0, 0.0), engine="numpy")
-        total += inside * _element_field(element, x)
+        total += inside * element.weight * element.waves_at(x)
     return total
-
-
-def _element_field(element: SourceElement, x: Floats) -> Complex:
-    """Return the weighted field of an element at positions (n, 2), not cut off at its outline."""
-    waves = np.exp(2j * np.pi * (x @ element.frequencies.T))
-    return np.asarray(element.weight * (waves @ element.amplitudes))
 
 
 def field_behind(
@@ -408,7 +402,7 @@ def _stop_rule(
             "a smaller source or stop"
         )
     rules = [gauss_rule(part, rate, extra)[:2] for part in triangles]
-    fields = [a * _element_field(e, x) for (x, a), e in zip(rules, elements, strict=True)]
+    fields = [a * e.weight * e.waves_at(x) for (x, a), e in zip(rules, elements, strict=True)]
     return np.concatenate([x for x, _ in rules]), np.concatenate(fields)
 
 

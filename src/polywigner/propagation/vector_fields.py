@@ -243,15 +243,13 @@ def _near_field(
         ``factor``: function of the direction cosines (m, 2) of plane waves, by which they are
         multiplied.
         """
-        base, elements = without_grazing if method == SECOND else radiator, []
-        for element in base.elements:
-            factors = factor(element.frequencies * wavelength)
-            if method == SECOND:
-                factors = factors / cosines_of(element.frequencies, wavelength, False)
-            elements.append(replace(element, amplitudes=element.amplitudes * factors))
-        if not any(element.amplitudes.any() for element in elements):
+        scaled = (without_grazing if method == SECOND else radiator).times(
+            lambda kappa: factor(kappa * wavelength)
+        )
+        if method == SECOND:
+            scaled = scaled.times(lambda kappa: 1 / cosines_of(kappa, wavelength, False))
+        if not any(element.amplitudes.any() for element in scaled.elements):
             return np.zeros(len(points), np.complex128)
-        scaled = replace(base, elements=tuple(elements))
         allowed = max(_LEAST, min(1.0, radiator.amplitude / scaled.amplitude) * tolerance)
         values, error, limit = boundary_field(scaled, points, wavelength, method, allowed, "auto")
         errors[:] += error

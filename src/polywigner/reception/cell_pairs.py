@@ -330,8 +330,7 @@ def _contracted(left: Complex, real: Floats, imag: Floats, right: Complex) -> Co
     columns = np.stack([right.real, right.imag], axis=2)
     of_real, of_imag = real @ columns, imag @ columns
     inner = of_real[..., 0] - of_imag[..., 1] + 1j * (of_real[..., 1] + of_imag[..., 0])
-    result: Complex = (left * inner).sum(axis=1)
-    return result
+    return np.asarray((left * inner).sum(axis=1))
 
 
 def _centre(cells: Cells, numbers: Indices | int) -> Floats:
@@ -474,8 +473,7 @@ def _too_much(links: Links, pairs: Pairs) -> ArgumentError:
 def _phase(links: Links, pairs: Pairs) -> Floats:
     """Return the largest phase [rad] of the interpolated function along a coordinate."""
     here, there, distance = links.sizes(pairs)
-    result: Floats = 2 * math.pi * np.maximum(here, there) * (here + there) / distance
-    return result
+    return np.asarray(2 * math.pi * np.maximum(here, there) * (here + there) / distance)
 
 
 def _divided(links: Links, pairs: Pairs) -> Pairs:

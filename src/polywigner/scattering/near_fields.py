@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -286,7 +286,7 @@ def field_gradient(
     """
     gradient = np.zeros((len(points), 3), np.complex128)
     for axis in range(3):
-        carried = _derivative(radiator, wavelength, axis)
+        carried = radiator.times(partial(_rates, wavelength, axis))
         if any(element.amplitudes.any() for element in carried.elements):
             name = method if axis < 2 else DERIVATIVE_OF[method]
             how = (wavelength, name, tolerance, "auto")
@@ -304,20 +304,14 @@ def field_gradient(
     return gradient
 
 
-def _derivative(radiator: Radiator, wavelength: float, axis: int) -> Radiator:
-    """Return a radiator with each plane wave multiplied by 2 pi i times a frequency component.
+def _rates(wavelength: float, axis: int, frequencies: Floats) -> Complex:
+    """Return 2 pi i times a component of the frequencies (m, 2) of plane waves.
 
     ``axis``: 0 for x, 1 for y, 2 for z (p_z/wavelength, also for evanescent waves).
     """
-    elements = []
-    for element in radiator.elements:
-        rates = (
-            element.frequencies.T[axis]
-            if axis < 2
-            else (cosines_of(element.frequencies, wavelength, False) / wavelength)
-        )
-        elements.append(replace(element, amplitudes=element.amplitudes * (2j * math.pi * rates)))
-    return replace(radiator, elements=tuple(elements))
+    if axis < 2:
+        return 2j * math.pi * frequencies[:, axis]
+    return 2j * math.pi / wavelength * cosines_of(frequencies, wavelength, False)
 
 
 # Pieces per block.

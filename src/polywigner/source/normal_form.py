@@ -81,6 +81,10 @@ class SourceElement:
             raise GeometryError("only an Aperture has rings, got Slits")
         return self.outline.rings
 
+    def waves_at(self, x: Floats) -> Complex:
+        """Return the sum of the plane waves at positions (..., d) in m, without the weight."""
+        return np.asarray(np.exp(2j * np.pi * (x @ self.frequencies.T)) @ self.amplitudes)
+
     def tilted(self, kappa: ArrayLike) -> SourceElement:
         """Return the element multiplied by exp(2 pi i kappa.x), with kappa (d,) in 1/m."""
         return replace(self, frequencies=self.frequencies + np.asarray(kappa, np.float64))

@@ -177,8 +177,7 @@ class AberratedPupil:
         for k, element in enumerate(self.elements):
             if not element.has_unit_field:
                 some = numbers == k
-                phases = 2j * np.pi * (x[some] @ element.frequencies.T)
-                values[some] = np.exp(phases) @ element.amplitudes
+                values[some] = element.waves_at(x[some])
         return values
 
     def field(self, number: int, x: Floats) -> Complex:

@@ -72,14 +72,12 @@ class PlacedSource(SourceParameters):
 
     def points(self, positions: Floats) -> Floats:
         """Convert positions (n, 2) in the source's plane to points (n, 3) of the scene, in m."""
-        result: Floats = positions @ self.pose[:3, :2].T + self.pose[:3, 3]
-        return result
+        return np.asarray(positions @ self.pose[:3, :2].T + self.pose[:3, 3])
 
     @property
     def centre(self) -> Floats:
         """Centre of the bounding box of the source in the scene in m, shape (3,)."""
-        result: Floats = self.points(np.reshape(self.source.bounds, (2, 2)).mean(axis=0)[None])[0]
-        return result
+        return self.points(np.reshape(self.source.bounds, (2, 2)).mean(axis=0))
 
     @property
     def normal(self) -> Floats:

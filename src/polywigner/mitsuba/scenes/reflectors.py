@@ -50,8 +50,7 @@ class Mirror:
     def image_of(self, points: Floats) -> Floats:
         """Return the mirror images of points (..., 3) in m."""
         height = points @ self.normal - self.offset
-        result: Floats = points - 2 * height[..., None] * self.normal
-        return result
+        return np.asarray(points - 2 * height[..., None] * self.normal)
 
 
 Chain = tuple[Mirror, ...]
