@@ -337,7 +337,7 @@ def _change(rule: EdgeRule, ops: Any, _: Point, sample: Point, shared: Point) ->
     origin, start, end, point, aside = (sample[k : k + 3] for k in (0, 3, 6, 9, 12))
     dipole = Pair(*sample[17:19]) if len(sample) > 17 else None
     path = origin, point, start, end, aside
-    change, _ = edge_change(ops, rule, path, Pair(*sample[15:17]), dipole)
+    change = edge_change(ops, rule, Pair(*sample[15:17]), dipole, *path)[0]
     return change.real, change.imag
 
 

@@ -355,7 +355,7 @@ def _edge(
     ahead = tuple(a - b for a, b in zip(point, source, strict=True))
     dipole = spherical_wave(ops, ahead) * Pair(*field) if is_oblique else None
     wave = wave_ahead(ops, ahead, field, slope)
-    change, boundary = edge_change(ops, rule, path, wave, dipole, **sides)
+    change, boundary = edge_change(ops, rule, wave, dipole, *path, **sides)
     off = 0.0 * boundary.real
     if coarser is not None:
         other = boundary - edge_wave(ops, coarser, *path, **sides)

@@ -310,8 +310,8 @@ def _rates(wavelength: float, axis: int, frequencies: Floats) -> Complex:
     ``axis``: 0 for x, 1 for y, 2 for z (p_z/wavelength, also for evanescent waves).
     """
     if axis < 2:
-        return 2j * math.pi * frequencies[:, axis]
-    return 2j * math.pi / wavelength * cosines_of(frequencies, wavelength, False)
+        return np.asarray(2j * math.pi * frequencies[:, axis])
+    return np.asarray(2j * math.pi / wavelength * cosines_of(frequencies, wavelength, False))
 
 
 # Pieces per block.

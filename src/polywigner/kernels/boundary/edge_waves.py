@@ -20,7 +20,7 @@ and its last term is integrated in closed form, (B4).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -520,7 +520,7 @@ def edge_wave_and_rate(
 
 
 def edge_change(
-    ops: Any, rule: EdgeRule, path: Sequence[Point], wave: Pair, dipole: Pair | None, **how: Any
+    ops: Any, rule: EdgeRule, wave: Pair, dipole: Pair | None, *path: Any, **how: Any
 ) -> tuple[Pair, Pair]:
     """Return the change of a point source's wave by an edge, and the result of :func:`edge_wave`.
 

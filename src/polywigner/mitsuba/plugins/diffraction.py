@@ -364,7 +364,7 @@ class Shadows:
         """Return the change of a wave by an edge; see :func:`edge_waves.edge_change`."""
         when = self._when if dipole is None else self._when_jets
         how = {"when": when, "blocked": blocked}
-        return edge_waves.edge_change(self._ops, rule, path, wave, dipole, **how)[0]
+        return edge_waves.edge_change(self._ops, rule, wave, dipole, *path, **how)[0]
 
     def _wave_at_edge(self, number: Drjit, edge: _Edge) -> tuple[Pair, Pair]:
         """Return the wave of a node at an edge, and its dipole contribution without obliquity.
