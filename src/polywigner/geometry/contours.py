@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from polywigner.geometry.hidden_parts import (
     NOTHING,
     Projected,
+    barycentric,
     edges_around,
     in_perspective,
     visible_parts,
@@ -480,11 +481,7 @@ class _Pairing:
         fraction = (near / (near + far))[:, None]
         on_side = (1.0 - fraction) * space[n, k] + fraction * space[n, (k + 1) % 3]
         # Points inside a triangle are interpolated with barycentric coordinates.
-        edges = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
-        inner = np.linalg.solve(edges, (points - corners[:, 0])[..., None])[..., 0]
-        weights = np.column_stack([1.0 - inner.sum(axis=1), inner]) / ranges
-        weights /= weights.sum(axis=1, keepdims=True)
-        inside = np.einsum("nc,nck->nk", weights, space)
+        inside = np.einsum("nc,nck->nk", barycentric(corners, ranges, n, points), space)
         return np.where((s.side >= 0)[:, None], on_side, inside)
 
 

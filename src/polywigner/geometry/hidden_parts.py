@@ -212,12 +212,20 @@ def in_triangles(shapes: Shapes, points: Floats, ranges: Floats) -> Shapes:
     The new coordinates are the weights of the second and third corners in space, not in projection.
     ``points``: corners (m, 3, 2) of the triangles. ``ranges`` (m, 3): see :class:`Projected`.
     """
-    inverse = np.linalg.inv(np.stack([points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]], 2))
     vertices, owner = shapely.get_coordinates(shapes, return_index=True)
-    inside = np.einsum("nij,nj->ni", inverse[owner], vertices - points[owner, 0])
-    weights = np.column_stack([1 - inside.sum(axis=1), inside]) / ranges[owner]
-    inside = weights[:, 1:] / weights.sum(axis=1, keepdims=True)
+    inside = barycentric(points, ranges, owner, vertices)[:, 1:]
     return np.asarray(shapely.set_coordinates(shapes.copy(), inside), dtype=object)
+
+
+def barycentric(points: Floats, ranges: Floats, owner: Indices, at: Floats) -> Floats:
+    """Return barycentric coordinates (m, 3) in space of image points (m, 2) in triangles.
+
+    ``points`` (n, 3, 2) and ``ranges`` (n, 3): see `Projected`. ``owner``: index of the triangle.
+    """
+    inverse = np.linalg.inv(np.stack([points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]], 2))
+    inside = np.einsum("nij,nj->ni", inverse[owner], at - points[owner, 0])
+    weights = np.column_stack([1 - inside.sum(axis=1), inside]) / ranges[owner]
+    return np.asarray(weights / weights.sum(axis=1, keepdims=True))
 
 
 def edges_around(shapes: Shapes) -> tuple[NDArray[np.intp], Floats, Floats]:
@@ -301,11 +309,8 @@ def mended(shapes: Shapes) -> Shapes:
     """Return shapes (m,) in which polygons that rounding has made invalid are repaired."""
     bent = ~shapely.is_valid(shapes)
     result, some = shapes.copy(), shapes[bent]
-    methods: tuple[dict[str, Any], ...] = (
-        {"method": "structure", "keep_collapsed": False},
-        {"method": "linework"},
-    )
-    both = [polygonal(shapely.make_valid(some, **how)) for how in methods]
+    valid = shapely.make_valid(some, method="structure", keep_collapsed=False)
+    both = [polygonal(valid), polygonal(shapely.make_valid(some, method="linework"))]
     change = [np.abs(shapely.area(one) - shapely.area(some)) for one in both]
     change = [
         np.where(shapely.is_valid(one), a, np.inf) for one, a in zip(both, change, strict=True)

@@ -109,9 +109,8 @@ def cells_of_wave(wave: Wavefront, wavelength: float) -> Iterator[tuple[_Element
     for part in _elements(wave):
         cells = part.triangles
         while len(cells):
-            sides = cells - np.roll(cells, 1, axis=1)
-            size = np.linalg.norm(sides, axis=2).max(axis=1)
-            small = (_highest(wave, part, cells, 0.0) + 1.0 / wavelength) * size <= _MOST_CYCLES
+            highest = _highest(wave, part, cells, 0.0) + 1.0 / wavelength
+            small = highest * _longest_sides(cells) <= _MOST_CYCLES
             yield part, cells[small]
             cells = quartered(cells[~small])
             if len(cells) > _MOST_PAIRS:
@@ -119,6 +118,11 @@ def cells_of_wave(wave: Wavefront, wavelength: float) -> Iterator[tuple[_Element
                     "the phase of the curved wave has too many cycles across the source; use a "
                     "larger radius of curvature, or a smaller source"
                 )
+
+
+def _longest_sides(cells: Floats) -> Floats:
+    """Return the length of the longest side of each triangle (k, 3, 2)."""
+    return np.asarray(np.linalg.norm(cells - np.roll(cells, 1, axis=1), axis=2).max(axis=1))
 
 
 def _highest(wave: Wavefront, part: _Element, cells: Floats, frequencies: Any) -> Floats:
@@ -157,8 +161,7 @@ def _are_small(
     wave: Wavefront, part: _Element, cells: Floats, points: Floats, wavelength: float
 ) -> NDArray[np.bool_]:
     """Return a mask (k,) of cells whose wave to their point one Gauss rule integrates."""
-    sides = cells - np.roll(cells, 1, axis=1)
-    size = np.linalg.norm(sides, axis=2).max(axis=1)
+    size = _longest_sides(cells)
     away = cells - points[:, None, :2]
     height = points[:, 2]
     corner_distance = np.sqrt((away**2).sum(axis=2) + height[:, None] ** 2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 import struct
 from collections.abc import Callable, Sequence
@@ -273,16 +274,13 @@ def _binary_reader(body: bytes, order: str) -> tuple[ReadNumbers, Callable[[], b
 
     ``order``: "<" for little-endian and ">" for big-endian numbers.
     """
-    position = 0
+    stream = io.BytesIO(body)
 
     def read(form: str) -> Sequence[Any]:
         """Read numbers; ``form``: one `struct` letter for the type of each number."""
-        nonlocal position
-        values = struct.unpack_from(order + form, body, position)
-        position += struct.calcsize(order + form)
-        return values
+        return struct.unpack(order + form, stream.read(struct.calcsize(order + form)))
 
-    return read, lambda: not body[position:].strip()
+    return read, lambda: not stream.read().strip()
 
 
 def _row_count_error(got: str) -> FileFormatError:
