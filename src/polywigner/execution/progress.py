@@ -35,8 +35,8 @@ def progress_bar(
 ) -> Iterator[Advance]:
     """Draw a progress bar on stderr, and erase it at the end of the block.
 
-    Yields a function to call after each part. Its argument is the number of finished parts, by
-    default 1.
+    Yields a function to call after each part. Its argument is the number of parts finished since
+    the last call, by default 1.
 
     Parameters
     ----------
