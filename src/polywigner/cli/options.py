@@ -142,7 +142,7 @@ _KNOWN_SUFFIXES = (
 def output_stem(out: str | None, name: str) -> Path:
     """Return the path of the output files without suffix, from --out and a default name.
 
-    The default name is used in a folder, or without --out. A known suffix of --out is removed.
+    If --out is a folder, the default name is appended. A known suffix of --out is removed.
     """
     if out is None:
         return Path(name)

@@ -273,9 +273,8 @@ def row_sums(
 _LEAST_EDGES_SORTED = 5
 # Samples per cell from which a lane of a vector computes several samples.
 _LEAST_PER_CELL = 8
-# Dr.Jit records a function again if equally sized arguments become different in size, or the
-# reverse. The size of table k is a multiple of _SIZES plus (k + 1) _APART, so no two tables have
-# equal sizes.
+# Dr.Jit records a function again if arguments of equal size get different sizes, or vice versa. The
+# size of table k is a multiple of _SIZES plus (k + 1) _APART, so no two tables have equal sizes.
 _SIZES, _APART = 256, 8
 
 

@@ -35,8 +35,8 @@ from polywigner.numerics.phases import Pair, cos_sin_cycles
 # Largest number of samples for which traced calls read edges from memory, because compiling edges
 # as code would take longer. Calls with at most as many samples may be recorded.
 _MOST_AS_DATA = 1 << 16
-# Number of the call from which calls with the same source are recorded, with up to 16 edges as
-# code. Tracing takes 1 to 3 ms in each call. Code compiles in 10 to 20 ms per edge.
+# Number of the call from which calls with the same source are recorded. Up to 16 edges are compiled
+# as code, in 10 to 20 ms per edge. Tracing takes 1 to 3 ms in each call.
 _FIRST_RECORDED = 8
 # Smallest number of samples, and smallest number of edges, for which samples are sorted by cell.
 # Sorting waits for the arguments and takes about 30 ns per sample.

@@ -349,7 +349,7 @@ def _plane_axes(dataset: Any, dims: tuple[str, ...]) -> tuple[Axis, Axis]:
 
 
 def _obstacle_sections(dataset: Any, dims: tuple[str, ...], obstacles: Any) -> list[Floats]:
-    """Return the line segments in which obstacles cut the plane, an array (n, 2, 2) for each.
+    """Return where obstacles cut the plane: an array of segments (n, 2, 2) for each obstacle.
 
     The last axis is (horizontal, vertical), in the unit of the axis labels.
     """

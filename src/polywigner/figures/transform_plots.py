@@ -344,7 +344,7 @@ def _point_text(point: Point, unit: LengthUnit) -> str:
 
 
 def _heading(title: str, wavelength: float | None, note: str) -> str:
-    """Return a title with the wavelength and a note, or the title alone if it is None."""
+    """Return a title with the wavelength and a note; without wavelength, the title alone."""
     if wavelength is None:
         return title
     text = f"λ = {length_text(wavelength)}{note}"

@@ -463,7 +463,8 @@ def takes_frequency(function: Callable[P, R]) -> _WithFrequency[P, R]:
     parameters = list(inspect.signature(function).parameters.values())
     position = [parameter.name for parameter in parameters].index("wavelength")
     positional = sum(p.kind is inspect.Parameter.POSITIONAL_OR_KEYWORD for p in parameters)
-    # A number in the position of the wavelength is the next argument if that argument is required.
+    # In calls with `frequency`, a number in the position of the wavelength belongs to the next
+    # argument if that argument is required.
     following = parameters[position + 1 : position + 2]
     is_last = all(p.default is not inspect.Parameter.empty for p in following)
 

@@ -182,7 +182,7 @@ def _outlines_of(
         points = attributes.get("points", "")
         data = attributes.get("d", "") if tag == "path" else points and f"M{points}"
         if not _PATH.fullmatch(data):
-            raise _refusal("path data or points that follow SVG 2; path data starts with M", data)
+            raise _refusal("path data that starts with M, or points, as specified by SVG 2", data)
         return _subpaths(library.Path(data))
     width, height, rx, ry = (value(name) for name in ("width", "height", "rx", "ry"))
     if tag == "circle":
