@@ -133,7 +133,7 @@ class Mixture:
         return total
 
     def _with_coherence_width(self, source: SceneSource) -> SceneSource:
-        """Return a coherent source with the coherence width of this mixture."""
+        """Return a coherent source made partially coherent, with this mixture's coherence width."""
         if self.coherence_width == math.inf:
             return source
         return source.partially_coherent(self.coherence_width)
