@@ -80,7 +80,7 @@ def straightened(geometry: BaseGeometry, distance: float) -> BaseGeometry:
 
     If no vertex can be dropped, the result is the same object.
     """
-    # Normalised, so that the result does not depend on the starting vertex.
+    # The polygons are normalised, so that the result does not depend on the starting vertex.
     array = np.array(polygons_in(geometry), dtype=object)
     polygons = shapely.simplify(shapely.normalize(array), distance)
     simple = polygons[0] if len(polygons) == 1 else shapely.MultiPolygon(polygons.tolist())
@@ -279,19 +279,21 @@ def check_overlaps(
         return False
     common = shapely.intersection(array[first], array[second])
     # A shift of an edge by the rounding error changes the area by the error times the length.
-    # Slivers may be thinner than the error.
+    # Slivers may be thinner than the error, so at most half of the smaller area is allowed.
     allowed = shift * np.minimum(shapely.length(array[first]), shapely.length(array[second]))
     smaller = np.minimum(shapely.area(array[first]), shapely.area(array[second]))
     excess = shapely.area(common) - np.minimum(allowed, smaller / 2)
     if (excess > 0).any():
         worst = int(excess.argmax())
         i, j = first[worst], second[worst]
-        inside = [n for n, m in ((i, j), (j, i)) if shapely.covers(array[m], array[n])]
-        relation = f"{things[:-1]} {inside[0]} inside the other" if inside else "an overlap"
+        thing, overlap = things[:-1], f"an overlap between {things} {i} and {j}"
+        for n, m in ((j, i), (i, j)):
+            if shapely.covers(array[m], array[n]):
+                overlap = f"{thing} {n} inside {thing} {m}"
         spot = shapely.point_on_surface(common[worst])
         raise GeometryError(
-            f"expected {things} that do not overlap, got {relation} between {things} {i} and {j} "
-            f"around ({spot.x:.15g}, {spot.y:.15g}); {remedy}"
+            f"expected {things} that do not overlap, got {overlap} around "
+            f"({spot.x:.15g}, {spot.y:.15g}); {remedy}"
         )
     return True
 

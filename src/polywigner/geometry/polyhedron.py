@@ -255,7 +255,10 @@ def normals_of(corners: Vertices) -> Vertices:
 
 
 def heights_of(points: Vertices, faces: Sequence[Sequence[int]]) -> Vertices:
-    """Return the largest distance (f,) of each face's vertices from a plane through their mean."""
+    """Return the largest distance (f,) of each face's vertices from the plane of the face.
+
+    The plane contains the mean of the vertices.
+    """
     heights = np.zeros(len(faces))
     for numbers, indices in _by_size(faces):
         corners = points[indices]

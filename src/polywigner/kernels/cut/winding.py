@@ -38,7 +38,7 @@ _MANY = 1 << 20
 # Largest total size [bytes] of the cached edge pairs of all sources. Copies on devices are not
 # counted.
 _MOST_BYTES = 1 << 27
-# Stands for infinity. Its product with a frequency is finite.
+# Finite stand-in for infinity, whose product with a frequency is finite.
 _FAR = 1e9
 
 

@@ -498,7 +498,7 @@ AMBIGUITY_SUM = SliceSum(
     values=2,
     arguments=slice(2, 4),
 )
-# The terms of an area need no frequency. The lag stands for the frequency.
+# The terms of an area need no frequency, so the lag is passed as the frequency.
 AREA_SUM = replace(
     AMBIGUITY_SUM,
     position=slice(0, 2),

@@ -40,7 +40,7 @@ def collected_log() -> Iterator[list[str]]:
             with log_only_to(appender):
                 yield messages
         finally:
-            del appender  # Closes the file.
+            del appender  # The file is closed when the appender is deleted.
             lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
             texts = (line[_DATE:].strip() for line in lines)
             messages += [t for t in texts if t and not any(known in t for known in _EXPECTED)]
