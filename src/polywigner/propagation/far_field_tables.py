@@ -164,7 +164,8 @@ class Column(NamedTuple):
 def _column(title: str, unit: str | None, name: str | None = None) -> Column | None:
     """Return the column for a title and a unit, or None for an unknown title.
 
-    ``name``: the title in the notation of HFSS. Raises FileFormatError for unsupported units.
+    ``name``: the title in the notation of HFSS. Without a unit, the default of the quantity
+    applies. Raises FileFormatError for unsupported units.
     """
     name = re.sub(r"[\s\"]", "", title if name is None else name).lower()
     label = repr(title)[1:-1][:40]
@@ -381,7 +382,7 @@ def _hfss_report(lines: list[str]) -> Iterator[FarFieldTable]:
 
 
 def _cst_table(lines: list[str]) -> Iterator[FarFieldTable]:
-    """Yield the far field in a table of CST, one for each frequency."""
+    """Yield the far fields in a table of CST, one for each frequency."""
     columns = _cst_columns(lines[0])
     _check_columns(columns)
     first = 2 if len(lines) > 1 and set(lines[1].strip()) <= {"-"} else 1

@@ -270,8 +270,8 @@ def _attributes(
 def _folded(theta: Floats, phi: Floats, fields: Complex) -> tuple[Floats, Floats, Complex]:
     """Convert directions in degrees to theta from 0 to 180 and phi from 0 to below 360.
 
-    The components (2, n) along theta and phi change sign if theta is folded. Poles then occur
-    twice, at phi and phi + 180.
+    The components (2, n) along theta and phi change sign if theta is folded. Each pole is then
+    repeated at phi + 180.
     """
     # The unit vectors along theta and phi change sign between (-theta, phi) and (theta, phi + 180).
     theta = theta.round(6) % 360
@@ -386,7 +386,8 @@ def _msi_pattern(lines: list[str]) -> xarray.Dataset:
 def _msi_cut(name: str, words: list[list[str]], lines: list[str]) -> tuple[Floats, Floats]:
     """Return angles in degrees and attenuations in dB of the "HORIZONTAL" or "VERTICAL" cut.
 
-    The angles ascend from 0 to below 360. Raises FileFormatError for other content.
+    ``words`` are the words of each line. The angles ascend from 0 to below 360. Raises
+    FileFormatError for other content.
     """
     at = [k for k, word in enumerate(words) if word[:1] and word[0].upper() == name]
     if len(at) != 1 or not words[at[0]][1:2] or not words[at[0]][1].isdecimal():
@@ -426,7 +427,7 @@ class _Pattern:
     """In Hz, W and dBi."""
 
     def rows(self, *columns: Floats) -> Iterator[tuple[float, ...]]:
-        """Yield phi, theta and the values of columns (n, m); theta varies fastest."""
+        """Yield phi, theta (degrees) and the values of columns (n, m); theta varies fastest."""
         phi, theta = np.meshgrid(self.phi, self.theta, indexing="ij")
         table = [phi, theta, *(column.T for column in columns)]
         return zip(*(values.ravel().tolist() for values in table), strict=True)

@@ -121,7 +121,7 @@ def may_shadow(scene: mi.Scene) -> bool:
 
 
 def _shines_on(light: mi.Emitter, points: Floats) -> bool:
-    """Return whether a light radiates towards one of the points (n, 3)."""
+    """Return whether a light radiates towards one of the points (n, 3) in scene units."""
     if not surfaces.is_source(light):
         return True
     pose = np.array(surfaces.matrix_of(light.to_world))
@@ -340,7 +340,7 @@ _HIDDEN_SCALE = 1e-3
 
 @contextmanager
 def hide_emitters(scene: mi.Scene) -> Iterator[None]:
-    """Hide coherent sources within a ``with`` block; they still illuminate the scene."""
+    """Hide coherent sources from rays within a ``with`` block; they still illuminate the scene."""
     sources = surfaces.wigner_emitters(scene)
     null = mi.BSDFFlags.Null
     visible = [source.get_shape() for source in sources if source.spec.visible]
@@ -384,7 +384,7 @@ def illuminated_by(sources: Sequence[Any], active: Any) -> AbstractContextManage
 
 
 def _move_vertices(scene: mi.Scene, shapes: list[mi.Mesh], corners: list[Floats]) -> None:
-    """Set the vertices (n, 3) of each mesh, and update the scene."""
+    """Set the vertices (n, 3) of each mesh in scene units, and update the scene."""
     for shape, points in zip(shapes, corners, strict=True):
         set_mesh(shape, vertex_positions=points)
     scene.parameters_changed([])  # Updates the surfaces that rays hit.
