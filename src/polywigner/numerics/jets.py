@@ -124,7 +124,7 @@ class JetOperations:
         return self.select(a < b, a, b)
 
     def sqrt(self, a: Jet) -> Jet:
-        """Return the square root of a jet; its derivative is finite at zero."""
+        """Return the square root of a jet."""
         root = self._ops.sqrt(a.value)
         return a.chained(root, 0.5 / self._ops.maximum(root, _LEAST))
 

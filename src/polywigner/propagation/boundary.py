@@ -203,7 +203,7 @@ def _cosine_errors(
 ) -> Floats:
     """Return the rounding errors of the direction cosines of m plane waves, shape (m, 3).
 
-    ``plane`` (m, 2) are the cosines p_x and p_y, and ``cosines`` (m,) are the p_z.
+    ``plane`` (m, 2) contains p_x and p_y, and ``cosines`` (m,) contains p_z.
     """
     x, y = plane.T
     rest = np.stack([phases.dot(_OPS, (kappa,), (wavelength,))[1] for kappa in frequencies.T])
@@ -444,7 +444,7 @@ def _kernel_tables(
     second_term: float,
     paraxial: bool,
 ) -> integrals.BoundaryTables:
-    """Return panels as tables of a float64 or float32 kernel (``double``).
+    """Return panels as tables of the kernel, for float64 if ``double``, otherwise for float32.
 
     Direction cosines are sums of two floats.
     """

@@ -124,8 +124,7 @@ def cells_of_wave(wave: Wavefront, wavelength: float) -> Iterator[tuple[_Element
 def _highest(wave: Wavefront, part: _Element, cells: Floats, frequencies: Any) -> Floats:
     """Return the highest spatial frequency of the field times another wave on each cell, in 1/m.
 
-    ``frequencies``: spatial frequencies of the other wave at the corners of the cells, shape (k, 3,
-    2).
+    ``frequencies`` (k, 3, 2): spatial frequencies of the other wave at the corners of the cells.
     """
     frequencies = frequencies + (cells - wave.centre) @ wave.curvature
     highest = np.zeros(len(cells))

@@ -51,8 +51,8 @@ class ElementPattern:
     """Far field of an antenna, interpolated over evenly spaced angles theta and phi.
 
     The interpolant is a trigonometric polynomial along phi, and along theta if the table covers the
-    sphere. Otherwise, the interpolation along theta uses polynomials of degree 11. The square of
-    the field is in W/sr.
+    sphere. Otherwise, the interpolation along theta uses polynomials of degree 11. |E|^2 is in
+    W/sr.
     """
 
     def __init__(self, theta: Floats, phi: Floats, components: tuple[Complex, Complex]) -> None:

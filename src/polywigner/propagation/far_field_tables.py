@@ -164,8 +164,7 @@ class Column(NamedTuple):
 def _column(title: str, unit: str | None, name: str | None = None) -> Column | None:
     """Return the column for a title and a unit, or None for an unknown title.
 
-    ``name``: the title in the notation of HFSS. Without a unit, the default of the quantity
-    applies. Raises FileFormatError for unsupported units.
+    ``name``: the title in the notation of HFSS. Raises FileFormatError for unsupported units.
     """
     name = re.sub(r"[\s\"]", "", title if name is None else name).lower()
     label = repr(title)[1:-1][:40]

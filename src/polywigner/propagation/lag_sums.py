@@ -79,7 +79,7 @@ def _longest_lags(source: Wavefront) -> Floats:
 
 
 def _lag_cells(source: Wavefront) -> Cells:
-    """Return trapezoids that tile the half of the lags with y of 0 or more.
+    """Return trapezoids that tile the lags with y >= 0.
 
     No kink of the ambiguity function crosses a trapezoid if there are at most _MOST_KINKS kinks.
     """

@@ -386,8 +386,7 @@ def _msi_pattern(lines: list[str]) -> xarray.Dataset:
 def _msi_cut(name: str, words: list[list[str]], lines: list[str]) -> tuple[Floats, Floats]:
     """Return angles in degrees and attenuations in dB of the "HORIZONTAL" or "VERTICAL" cut.
 
-    ``words`` are the words of each line. The angles ascend from 0 to below 360. Raises
-    FileFormatError for other content.
+    The angles ascend from 0 to below 360. Raises FileFormatError for other content.
     """
     at = [k for k, word in enumerate(words) if word[:1] and word[0].upper() == name]
     if len(at) != 1 or not words[at[0]][1:2] or not words[at[0]][1].isdecimal():

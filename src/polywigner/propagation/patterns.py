@@ -403,7 +403,7 @@ def _checked_levels(
 def _cross_levels(
     pattern: Any, axes: tuple[str, str], about: dict[str, float], levels: Floats
 ) -> Floats:
-    """Return the cross-polar directivity in dBi, or the stand-in ``levels`` without one."""
+    """Return the cross-polar directivity in dBi; for a scalar pattern, ``levels`` stands in."""
     if "cross_field" not in pattern:
         return levels
     values = pattern["cross_field"].transpose(*axes).values

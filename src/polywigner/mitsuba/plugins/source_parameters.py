@@ -124,8 +124,7 @@ class SourceParameters:
         """Divide a polarised source into scalar sources, each with a Stokes vector.
 
         The sum of the Stokes vectors, weighted by the irradiances of the scalar sources, is the
-        Stokes vector of the light. The vector is None in the single pair of a source whose elements
-        have equal polarisations.
+        Stokes vector of the light. The vector is None unless elements have different polarisations.
         """
         if self.polarisation is None or not self.has_several:
             return [(source, None)]
@@ -332,7 +331,7 @@ class _SceneValues:
         return read_aperture(path, self.text("unit", "mm"), self.number("tolerance"), layers, joins)
 
     def wavelength(self) -> float:
-        """Return the wavelength in m; raise SceneError unless it or the frequency is specified."""
+        """Return the wavelength in m, from exactly one of ``wavelength`` and ``frequency``."""
         frequency, wavelength = self.number("frequency"), self.number("wavelength")
         if frequency is not None and wavelength is None:
             return wavelength_of(frequency)
@@ -419,7 +418,7 @@ def pose_of(plugin: Any) -> Floats:
 def reach_of(scene: mi.Scene, plugin: Any) -> float:
     """Return the largest absolute coordinate of a source or receiver and of adjacent flat surfaces.
 
-    The coordinates are in the frame of the scene, in scene units.
+    The coordinates refer to the scene, in scene units.
     """
     pose, (left, bottom, right, top) = pose_of(plugin), plugin.spec.source.bounds
     corners = np.array([[x, y] for x in (left, right) for y in (bottom, top)])

@@ -97,7 +97,7 @@ class DrawnWaves:
 
 
 def _uniform(word: Drjit) -> Drjit:
-    """Convert a 32-bit random integer to a number between 0 and 1, both excluded."""
+    """Convert a 32-bit random integer to a number between 0 and 1."""
     return ((word >> 9) + 0.5) * 2.0**-23
 
 
@@ -153,7 +153,7 @@ class WignerRadiance:
         return self._sum_over_terms(direction, wigner_of)
 
     def _sum_over_terms(self, direction: Drjit, value_of: Callable[[_Term], Drjit]) -> Drjit:
-        """Return the sum of ``value_of(term)`` times the obliquity factor, or zero behind it."""
+        """Return the sum of h times ``value_of(term)``, or zero in backward directions."""
         front = direction.z > 0.0
         cosine = dr.select(front, direction.z, 1.0)
         total = 0.0
@@ -247,7 +247,7 @@ class WignerEstimator:
     def received(
         self, x: Drjit, direction: Drjit, point: Drjit = None, distance: Drjit = None
     ) -> Drjit:
-        """Return the weight in m^2 of a ray that leaves a receiver at ``x`` along ``direction``.
+        """Return the weight in m^2 of a ray that leaves a receiver at ``x``, in its frame.
 
         The weight is h W cos/N over the density of positions, with the obliquity factor h, the
         Wigner function W and the norm N. ``point`` and ``distance`` are not used.
@@ -275,7 +275,7 @@ class TracedSource:
         source = spec.source
         self.vertices: Any = None
         self.weights: Any = None
-        if not dr.is_jit_v(m.Float) or spec.has_several or not _is_traceable(source):
+        if not dr.is_jit_v(m.Float) or spec.has_several or not _is_differentiable(source):
             return
         self._tables = new_tables_of(flat_source(spec.at_origin), dr.itemsize_v(m.Float) == 8)
         if self._tables.clips > _MOST_CUTS:
@@ -369,7 +369,7 @@ def _real_and_imaginary_parts(weights: NDArray[np.complex128]) -> NDArray[np.flo
     return np.stack([weights.real, weights.imag], axis=-1)
 
 
-def _is_traceable(source: SceneSource) -> bool:
+def _is_differentiable(source: SceneSource) -> bool:
     """Return whether a source is differentiable: disjoint elements with uniform fields."""
     if isinstance(source, Wavefront):
         return False

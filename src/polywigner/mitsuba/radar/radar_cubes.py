@@ -156,14 +156,14 @@ def radar_cube(
     Returns
     -------
     xarray.Dataset
-        ``signal`` contains the complex samples in sqrt(W), with the dimensions (draw, receiver,
-        emitter, chirp, sample). The mean of its squared modulus is the received power.
-        ``noise_power`` is the noise power per sample of each receiver in W. ``receiver_position``
-        and ``emitter_position`` are in m, in the frame of the first receiver. ``start_time`` is the
-        time of the first repetition of each emitter in s. The coordinates are the names of
-        receivers and emitters. The attributes are the parameters of the waveform, the ``period`` in
-        s from one repetition of an emitter to the next, ``seed``, ``scattered_points``, and
-        ``notes`` about effects that are not included.
+        ``signal`` contains the complex samples in sqrt(W), as a dask array above 1 GiB, with the
+        dimensions (draw, receiver, emitter, chirp, sample). The mean of its squared modulus is the
+        received power. ``noise_power`` is the noise power per sample of each receiver in W.
+        ``receiver_position`` and ``emitter_position`` are in m, in the frame of the first receiver.
+        ``start_time`` is the time of the first repetition of each emitter in s. The coordinates are
+        the names of receivers and emitters. The attributes are the parameters of the waveform, the
+        ``period`` in s from one repetition of an emitter to the next, ``seed``,
+        ``scattered_points``, and ``notes`` about effects that are not included.
 
     Raises
     ------
@@ -397,8 +397,8 @@ def _cloud_of(
 def _responses(cloud: xarray.Dataset, receivers: list[PlacedSource]) -> tuple[Complex, Floats]:
     """Return the responses of a receiver's elements to scatterers, and relative path lengths.
 
-    Both have the shape (element, scatterer) and are in m. Path lengths are relative to their mean
-    over the elements.
+    Both are in m, with the shape (element, scatterer). Path lengths are relative to their mean over
+    the elements.
     """
     power, intensity = cloud["power"].values, cloud["intensity"].values
     if min(power.min(), intensity.min()) < 0:

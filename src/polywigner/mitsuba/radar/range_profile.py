@@ -160,8 +160,8 @@ def received_by_range(
 ) -> tuple[list[ReceivedPower], xarray.Dataset]:
     """Return the received power of receivers, and their power by range.
 
-    ``numbers`` are indices in the list of `receivers_of`, ``edges`` are the ranges between bins in
-    m, and ``sample`` renders the scattered light.
+    ``numbers`` are indices in the list of `receivers_of`, ``edges`` are ranges in m, and ``sample``
+    renders the scattered light.
     """
     result = received(scene, numbers, options, sample, edges)
     return result.powers, _profile_of(scene, result, edges)
@@ -235,8 +235,8 @@ def _power_variables(by_light: Floats, direct: Floats) -> Variables:
     """Return the variables that contain power by range.
 
     ``by_light`` is the scattered power (receivers, lights, batches, values), and ``direct`` is the
-    direct power (receivers, lights, values), both in W. The first and last of the ``values`` belong
-    to ranges below and above all bins.
+    direct power (receivers, lights, values), both in W. The first and last ``values`` belong to
+    ranges below and above all bins.
     """
     batches = by_light.sum(axis=1)
     scattered, of_direct = batches.mean(axis=1), direct.sum(axis=1)

@@ -212,8 +212,7 @@ class NormalisedSource:
     def root_of_fraction(self, part: PlacedSource, is_complete: bool, wavelength: float) -> float:
         """Return the square root of a part's fraction of the power of the source.
 
-        ``part`` is an element of ``parts`` or a piece of it. ``is_complete`` means that nothing of
-        it is cut off.
+        ``is_complete`` means that ``part`` is one of ``parts``, and not a piece of it.
         """
         if is_complete and len(self.parts) == 1 and self.source.normalise == "radiated":
             return 1.0
@@ -296,7 +295,7 @@ def _specular_path(
 ) -> tuple[CoherentPath, list[str]] | str:
     """Return a path via mirrors and its notes, or the reason why no power arrives.
 
-    ``chain`` is empty for the line of sight, and ``meshes`` is None without diffraction.
+    ``chain`` is empty for the line of sight; ``meshes`` is None without diffraction.
     """
     result = open_path(scene, ends[0].source, ends[1].source, chain, meshes, coherent=True)
     if isinstance(result, str):
@@ -353,8 +352,8 @@ def _echo_path(
 ) -> tuple[CoherentPath, list[str]] | str:
     """Return the path via a body and its notes, or the reason why no power arrives.
 
-    ``leg_to`` is `_path_to_body` with fixed scene and receiver. Both legs are traced from an end to
-    the body, by reciprocity.
+    ``leg_to`` is `_path_to_body` with fixed scene and receiver. By reciprocity, both legs lead to
+    the body.
     """
     chains = route.before, route.after[::-1]
     legs, transmission = [], 1.0
@@ -460,7 +459,7 @@ def _interpolated(nodes: Floats, values: Complex, frequencies: Floats) -> Comple
 def _envelopes(
     paths: Sequence[CoherentPath], delays: Floats, tolerance: float, frequency: float
 ) -> Complex:
-    """Return the amplitudes of paths at a frequency in Hz, over exp(2 pi i frequency delay)."""
+    """Return the amplitudes of paths at a frequency f in Hz, divided by exp(2 pi i f delay)."""
     wavelength = SPEED_OF_LIGHT / frequency
     links = [parts for path in paths for _, parts in path.links]
     couplings = iter(_couplings(links, wavelength, tolerance))

@@ -244,8 +244,8 @@ class RayTracer:
     def _reflectance(self, si: Any, active: Any, plane: Plane) -> Drjit:
         """Return the power reflectance of a mirror, or zero if a normal map tilts the ray.
 
-        Polarised tracers return a Mueller matrix. Coherent tracers return the ratio of the power
-        reflectance to the Fresnel reflectance.
+        Polarised tracers return a Mueller matrix, and coherent tracers the ratio to the Fresnel
+        reflectance.
         """
         nodes = bsdfs_in(plane.shape.bsdf())
         masks = list(takewhile(lambda node: node.class_name() == MASK, nodes))
@@ -306,7 +306,7 @@ def _opacity(masks: list[Any], si: Any, active: Any) -> Drjit:
 
 
 def _s_axis(normal: Any, direction: Any) -> Drjit:
-    """Return the unit vector along normal x direction, arbitrary at normal incidence."""
+    """Return the s axis, the unit vector of normal x direction; arbitrary at normal incidence."""
     across = dr.cross(mi.Vector3f(normal), direction)
     length = dr.norm(across)
     is_oblique = length > _NORMAL_INCIDENCE

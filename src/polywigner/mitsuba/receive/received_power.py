@@ -296,7 +296,7 @@ def _direct_lights(
     emitters: list[PlacedSource],
     options: ReceiveOptions,
 ) -> list[DirectLight]:
-    """Return the direct light of each emitter, and last that of all delta lights.
+    """Return the direct light of each emitter, followed by the direct light of all delta lights.
 
     The sources of the scene must be hidden.
     """
@@ -388,8 +388,8 @@ _FINE, _COARSE = (64, 64), (24, 4)
 def arrival_map(scene: Any, receiver: int, seed: int = 0) -> NDArray[np.float64]:
     """Return a map (n, n) of scattered and incoherent power in W by direction of arrival.
 
-    Rows and columns are evenly spaced in the direction cosines from the receiver to the origin of
-    the power, along the receiver's y and x axes, from -1 to 1. ``receiver`` is an index in
+    Rows and columns are evenly spaced in the direction cosines along the receiver's y and x axes,
+    from -1 to 1, of directions away from the receiver. ``receiver`` is an index in
     ``receivers_of(scene)``.
     """
     _, original = receivers_of(scene)[receiver]

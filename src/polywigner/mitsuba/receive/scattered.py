@@ -111,7 +111,7 @@ def _boxes_of_angles(sensor: Any, boxes: Floats) -> Floats:
 
     ``boxes`` (m, 2, 3) are bounding boxes in space. The columns are the lower alpha and psi, the
     upper alpha and psi, and the fraction of the aimed samples. alpha is the direction cosine along
-    the receiver's x axis, and psi is the angle of (z, y) about this axis in rad.
+    the receiver's x axis, and psi is atan2(y, z) in rad.
     """
     vectors = _vectors_to_boxes(sensor, boxes)
     if not len(vectors):
@@ -166,8 +166,7 @@ class AimedDirections:
     def sample(self, sample: Any) -> tuple[Drjit, Drjit]:
         """Map points of the unit square to angles (alpha, psi), and return their density.
 
-        alpha is the cosine along the x axis, psi is the angle of (z, y) in rad, and the density is
-        per solid angle.
+        The angles are defined in `_boxes_of_angles`. The density is per solid angle.
         """
         m = self._m
         aims = sample.x < _AIMED

@@ -75,7 +75,7 @@ class Steps:
         return paths, values
 
     def _lights_hit(self, paths: Paths, si: Drjit) -> dict[str, Drjit]:
-        """Return the lights that rays hit, and their weighted radiances at the receiver."""
+        """Return the lights that rays hit, and their radiances at the receiver with MIS weights."""
         light = si.emitter(self._scene, paths.active)
         direction = mi.DirectionSample3f(self._scene, si, paths.last)
         can_sample = paths.active & (paths.is_smooth ^ True)
@@ -92,7 +92,7 @@ class Steps:
     def _sampled_lights(
         self, paths: Paths, si: Drjit, bsdf: Drjit, is_met: Drjit, sample: Drjit
     ) -> dict[str, Drjit]:
-        """Sample a light; return its weighted radiance at the receiver, distance and direction.
+        """Sample a light; return its radiance (with the MIS weight), distance and direction.
 
         ``is_met`` marks paths that meet a surface.
         """

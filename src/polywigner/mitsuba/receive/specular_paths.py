@@ -357,7 +357,7 @@ def trace_rays(
     emitter. Rays end at the last point if ``emitter`` is None.
 
     Returns the transmission (n, k, k) of each ray, with k = 1, or k = 4 for Mueller matrices, and
-    the mean matrix (3, 3) of the panes on each segment, in order from the emitter to the receiver.
+    the mean matrix (3, 3) of the panes on each segment, from the emitter to the receiver.
     """
     unit = receiver.scene_unit
     ends = [receiver] if emitter is None else [receiver, emitter]

@@ -299,8 +299,8 @@ class Body:
     def target_facing(self, image: PlacedSource, like: PlacedSource) -> PlacedSource:
         """Return a square at the body's centre that faces a source, as a target for rays.
 
-        Its side is half the diagonal of the body's bounding box, and its other parameters are equal
-        to the parameters of ``like``.
+        Its side is half the diagonal of the body's bounding box, and ``like`` provides its other
+        parameters.
         """
         z = image.centre - self.facets.centre
         z /= np.linalg.norm(z)

@@ -259,7 +259,7 @@ def _sampled(
 
 
 def _batch(plans: Sequence[Scattering], scene: Any, origin: Index) -> npt.NDArray[np.float64]:
-    """Render the batch with the index ``origin``: receiver, batch, ... in (1, 1, lights, ...)."""
+    """Render the batch ``origin`` (receiver, batch, ...), with the shape (1, 1, lights, ...)."""
     receiver, batch, *_ = origin
     with hide_emitters(scene), aimed(scene):
         return plans[receiver].batch(scene, batch)[None, None]

@@ -312,9 +312,9 @@ def _rectangle(_: float) -> tuple[Floats, Indices]:
 
 
 def _chords(radius: float) -> int:
-    """Return the number of chords around a circle, with gaps of at most 0.01 wavelengths.
+    """Return the number of chords, 32 to 1024, that approximate a circle to 0.01 wavelengths.
 
-    ``radius`` is in wavelengths. The result is at least 32 and at most 1024.
+    ``radius`` is in wavelengths.
     """
     return int(np.clip(math.pi * math.sqrt(0.5 * radius / _SAGITTA), 32, _MOST_CHORDS))
 
