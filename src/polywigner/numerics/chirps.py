@@ -166,7 +166,7 @@ def chirp_over_rings(rings: tuple[Floats, ...], q: Floats, nu: Floats) -> Comple
 def _over_edges(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Complex:
     """Return the transform of curved waves over the polygon inside the edges, shape (points,).
 
-    ``begin`` and ``edge`` are the start points and the vectors of the edges, shape (edges, 2).
+    ``begin`` and ``edge`` (edges, 2) are start points and vectors of the edges.
     """
     cycles = _edge_cycles(begin, edge, q, nu)
     pieces = np.ceil(cycles / _CYCLES).clip(1.0).astype(np.intp)

@@ -323,10 +323,7 @@ def _farthest(ops: Any, nodes: Sequence[Any]) -> tuple[Any, Any, list[Any], Any]
 
 
 def _series(ops: Any, nodes: Sequence[Any]) -> Pair:
-    """Return the Taylor series of :func:`simplex_plane_wave` for small phases in radians.
-
-    ``nodes`` do not include the corner with the phase 0.
-    """
+    """Return the Taylor series of :func:`simplex_plane_wave` for small ``corners`` in radians."""
     count = len(nodes)
     powers: list[Any] = [nodes[-1]]
     for node in nodes[-2::-1]:

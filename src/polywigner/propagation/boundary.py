@@ -416,10 +416,7 @@ def strata_of(
 
 
 def panels_in(radiator: Radiator, wavelength: float, longest: float) -> float:
-    """Return an upper bound on the number of pairs (panel, plane wave).
-
-    Panels are at most ``longest`` wavelengths long.
-    """
+    """Return a bound on the pairs (panel, wave) for panels up to ``longest`` wavelengths long."""
     edges = sum(element.edges for element in radiator.elements)
     return edges + radiator.perimeter / (longest * wavelength)
 

@@ -231,7 +231,7 @@ def _irradiance_and_error(
 ) -> tuple[Floats, Floats]:
     """Return the irradiance at points, and its error, with the options of :func:`irradiance`.
 
-    The error of the diffraction by obstacles counts as zero unless ``with_error`` is true.
+    ``with_error``: see `field_and_error`.
     """
     checked_method(method, ("wigner", *METHODS, "auto"))
     meaning = "a number above 0 and below 1"

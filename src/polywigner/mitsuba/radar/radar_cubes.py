@@ -368,7 +368,10 @@ def _cloud_of(
     speeds: Velocities,
     options: ReceiveOptions,
 ) -> _Cloud | None:
-    """Return the scatterers of a receiver with responses and delays, or None without scatterers."""
+    """Return the scatterers of a receiver with responses and delays, or None without scatterers.
+
+    ``number`` is the index of the receiver in ``radar``.
+    """
     receivers = radar.receivers[number]
     others = {_receiver_id(ends[0].name) for ends in radar.receivers if ends is not receivers}
     outside = others | {body.name for body in options.bodies}
@@ -455,7 +458,7 @@ def _emitted_amplitudes(
 def _visible(scene: Any, emitter: PlacedSource, position: Floats, offset: Floats) -> NDArray[Any]:
     """Return whether rays from scatterers to an emitter meet no surface, shape (n,).
 
-    ``offset`` contains the vectors in m from ``position`` to the centre of the emitter.
+    ``offset`` are the vectors in m from ``position`` to the emitter.
     """
     unit = emitter.scene_unit
     steps = (offset * (1 - 2 * _RAY_OFFSET) / unit).astype(np.float32)

@@ -194,7 +194,10 @@ def _one_pass(
 
 
 def _range_sensor(sensor: Any, edges: Floats, factor: int) -> RangeSensor:
-    """Return a sensor with the rays of ``sensor`` and a refined film that sorts by path length."""
+    """Return a sensor with the rays of ``sensor`` and a film that sorts by path length.
+
+    The width and height of the film are multiplied by ``factor``.
+    """
     size, window, offset = film_sizes(sensor, factor)
     check_bin_count(window, edges)
     about = mi.Properties("range_film")

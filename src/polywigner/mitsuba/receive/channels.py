@@ -212,7 +212,7 @@ class NormalisedSource:
     def root_of_fraction(self, part: PlacedSource, is_complete: bool, wavelength: float) -> float:
         """Return the square root of a part's fraction of the power of the source.
 
-        ``is_complete`` means that ``part`` is one of ``parts``, and not a piece of it.
+        ``is_complete`` means that ``part`` is one of ``parts``, not a piece of it.
         """
         if is_complete and len(self.parts) == 1 and self.source.normalise == "radiated":
             return 1.0

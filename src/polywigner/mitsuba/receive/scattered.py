@@ -281,8 +281,8 @@ def by_source(scene: Any, powers: NDArray[np.float64]) -> tuple[Floats, Floats]:
     """Divide powers by light into the powers of coherent sources and of all other lights.
 
     ``powers`` (batches, lights, ...) follow the order of `lights_of`, and the power of a source
-    includes all other lights. The shapes of the result are (sources, batches, ...) and (batches,
-    ...).
+    includes all incoherent lights. The results have the shapes (sources, batches, ...) and
+    (batches, ...).
     """
     if len(lights_of(scene)) == len(wigner_emitters(scene)):
         return np.moveaxis(powers, 1, 0), np.zeros_like(powers[:, 0])

@@ -311,7 +311,7 @@ _MOST_MIRRORS = 2
 
 
 def with_delta_lights(exposure: Exposure, image: Image) -> Image:
-    """Add the direct light of delta lights to the image of a receiver; return other images."""
+    """Add the direct light of delta lights to a copy of a receiver's image; return other images."""
     scene, camera, method = exposure.scene, exposure.camera, exposure.integrator
     names = method.class_name() + type(method).__name__
     if not surfaces.is_receiver(camera) or method.hide_emitters or not delta_lights(scene):
