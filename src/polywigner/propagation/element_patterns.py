@@ -51,7 +51,8 @@ class ElementPattern:
     """Far field of an antenna, interpolated over evenly spaced angles theta and phi.
 
     The interpolant is a trigonometric polynomial along phi, and along theta if the table covers the
-    sphere. Otherwise, the interpolation along theta uses polynomials of degree 11.
+    sphere. Otherwise, the interpolation along theta uses polynomials of degree 11. |E|^2 is in
+    W/sr.
     """
 
     def __init__(self, theta: Floats, phi: Floats, components: tuple[Complex, Complex]) -> None:
@@ -150,7 +151,7 @@ class ElementPattern:
         """Return the radiated power in W of the antenna, or of an array of such antennas.
 
         ``factor`` returns the array factor in given directions. ``lag`` is 2 pi times the array
-        size in wavelengths.
+        size in wavelengths. Backward radiation is included if the table covers the sphere.
         """
         polar, azimuthal = self.band
         node, weight = np.polynomial.legendre.leggauss(math.ceil(lag / 2) + polar + _MARGIN)
@@ -194,7 +195,10 @@ class ElementPattern:
 
 
 def _cartesian(theta: Floats, phi: Floats, polar: Complex, azimuthal: Complex) -> Complex:
-    """Return vectors (..., 3) with the components E_theta and E_phi at angles in rad."""
+    """Return vectors (..., 3) with the components E_theta and E_phi at angles in rad.
+
+    All arguments broadcast against each other.
+    """
     x, y = polar_components(np.cos(theta) * polar, azimuthal, -phi)
     return np.stack([x, y, -np.sin(theta) * polar], axis=-1)
 
