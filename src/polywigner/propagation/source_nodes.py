@@ -64,7 +64,7 @@ class SourceNodes:
 
     @cached_property
     def origins(self) -> Floats:
-        """Positions of the equivalent points, shape (n, 3)."""
+        """Positions of the equivalent points in wavelengths, shape (n, 3)."""
         return np.array([point.position for point in self.points])
 
     @cached_property
@@ -74,7 +74,7 @@ class SourceNodes:
 
     @cached_property
     def peak(self) -> float:
-        """Largest far field over all directions, times the distance."""
+        """Largest modulus of the far field over a grid of directions, times the distance."""
         sines = np.linspace(-1.0, 1.0, _DIRECTIONS)
         x, y = (part.ravel() for part in np.meshgrid(sines, sines))
         z = np.sqrt(np.maximum(1.0 - x * x - y * y, 0.0))
@@ -178,9 +178,9 @@ def interpolation_for(
 ) -> Interpolation | None:
     """Return the cheapest nodes for edges with ends (m, 2, 3), or None if too many are needed.
 
-    ``error``: allowed error of an edge wave, times the source distance. ``overlap``: largest detour
-    of near edges, as a multiple of the smallest detour of far edges. ``is_shared``: whether all
-    points see the same edges.
+    ``error``: largest allowed product of the error of an edge wave and the distance of the edge
+    from the source. ``overlap``: largest detour of near edges, as a multiple of the smallest detour
+    of far edges. ``is_shared``: whether all points see the same edges.
     """
     every = all_points(points)
     waves = _WavesAtEdges.of(every, edges)
@@ -210,7 +210,11 @@ class _WavesAtEdges:
 
     @classmethod
     def of(cls, source: SourceNodes, edges: Floats) -> _WavesAtEdges:
-        """Return the waves of a source at five positions on each edge (m, 2, 3)."""
+        """Return the waves of a source at five positions on each edge (m, 2, 3).
+
+        The positions are both ends, the point nearest to the source, and the midpoints between
+        them.
+        """
         start, along = edges[:, 0], edges[:, 1] - edges[:, 0]
         squares = np.maximum((along * along).sum(axis=1), 1e-300)
         nearest = np.clip(((source.centre - start) * along).sum(axis=1) / squares, 0.0, 1.0)
@@ -236,9 +240,10 @@ EdgeWave = Callable[[Floats, Floats], NDArray[Any]]
 
 
 def _turned_by(detour: float, curvature: float = 0.0) -> EdgeWave:
-    """Return a function that computes the edge wave in the far field.
+    """Return a function that computes the edge wave relative to the wave at the observation point.
 
-    The wave is relative to the wave at the observation point. ``detour`` is in wavelengths.
+    The function holds in the far field. ``detour`` is in wavelengths. ``curvature``: factor of the
+    quadratic phase of the source coordinate, 0 or 1.
     """
 
     def wave(distance: Floats, at: Floats) -> Complex:
@@ -268,8 +273,8 @@ def _few_nodes(
 ) -> SourceNodes:
     """Return the smallest set of nodes whose interpolation error is allowed.
 
-    Returns ``every`` if no set is smaller. ``allowed``: largest error for each number of nodes
-    along an axis, times the distance of the edge.
+    Returns ``every`` if no set is smaller. ``allowed``: largest product of the error and the
+    distance of the edge, for each number of nodes along an axis.
     """
     numbers = []
     for at, sums in waves.axes:

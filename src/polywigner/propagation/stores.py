@@ -310,7 +310,10 @@ def _write_region(values: NDArray[Any], path: Path, block_info: Any = None) -> N
 
 
 def _client(scheduler: Scheduler) -> Client:
-    """Return a dask client with at least one worker; raise EngineError if there is none."""
+    """Return a dask client with at least one worker; raise EngineError if there is none.
+
+    ``scheduler``: address or cluster.
+    """
     distributed = required("distributed")
     try:
         client = distributed.Client(scheduler, timeout=_PATIENCE, set_as_default=False)
@@ -390,7 +393,8 @@ def write_zarr(dataset: Stored, path: str | os.PathLike[str]) -> None:
 def _as_dataset(dataset: Stored) -> xarray.Dataset:
     """Return a dataset, a data array or the store at a path as a dataset.
 
-    Raises ArgumentError for other objects, and StoreError if there is no store at the path.
+    An unnamed data array becomes the variable ``values``. Raises ArgumentError for other objects,
+    and StoreError if there is no store at the path.
     """
     import xarray
 

@@ -192,7 +192,11 @@ def _dipole_terms(
     wave: Wavefront, q: Complex, currents: Currents,
     part: Any, cells: Floats, points: Floats, wavelength: float,
 ) -> Complex:  # fmt: skip
-    """Return the weighted fields (k, nodes, 3) of equivalent currents on k cells."""
+    """Return the weighted fields (k, nodes, 3) of equivalent currents on k cells.
+
+    Each cell has one point; ``points`` (k, 3) are in m. ``part``: element of the source that
+    contains the cells.
+    """
     nodes, weights, _ = field_at_nodes(wave, part, cells, wavelength)
     ahead = np.empty((*nodes.shape[:2], 3))
     ahead[..., :2] = points[:, None, :2] - nodes
@@ -356,7 +360,7 @@ class EdgeIntegrals:
 
     @property
     def normal(self) -> Floats:
-        """Outward normals, shape (m, 2)."""
+        """Outward unit normals, shape (m, 2)."""
         return np.stack([self.along[:, 1], -self.along[:, 0]], axis=1)
 
 

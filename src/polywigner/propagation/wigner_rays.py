@@ -75,8 +75,8 @@ def irradiance_by_rays(
 ) -> tuple[Floats, Floats]:
     """Return the irradiance by Wigner rays at points (n, 3), and its estimated error, both (n,).
 
-    ``obliquity``: None for the default. ``allowed``: relative error. An error is infinite if no
-    rule resolves the rays; warns if the allowed error is exceeded.
+    ``obliquity``: None for the default. ``allowed``: relative error. The estimated error is
+    absolute, and infinite if no rule resolves the rays. Warns if the allowed error is exceeded.
     """
     condition, flat = obliquity_of(obliquity), flat_source(source)
     curved: tuple[float, ...] = ()

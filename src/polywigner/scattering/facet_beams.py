@@ -67,9 +67,9 @@ def sums_of_beams(
 
     Waves travel along ``k`` (m, 3) to receivers in the directions ``s`` (m, 3). ``lengths`` (m,):
     wavelengths in m. The scattered field is ``N x h + M h`` for the incident magnetic field h
-    (SC6); N contains the first reflection, M the later ones. M is None without later reflections. N
-    is NaN, with a warning, for directions that fail. Raises ArgumentError if all directions have
-    too many beams.
+    (SC6), with phases relative to the body's centre; N contains the first reflection, M the later
+    ones. M is None without later reflections. N is NaN, with a warning, for directions that fail.
+    Raises ArgumentError if all directions have too many beams.
     """
     nu = (s - k) / lengths[:, None]
     if not facets.casts_shadows:
@@ -248,9 +248,10 @@ class Hits:
 
 
 def hits_after(facets: Facets, ends: Ends, bounces: int) -> Iterator[Hits]:
-    """Yield the parts of triangles that beams illuminate after 1 to ``bounces - 1`` reflections.
+    """Yield the parts of triangles that beams illuminate after 1, then 2, ... reflections.
 
-    Raises ArgumentError if the computation would take more than several minutes.
+    There is one item for each number of reflections up to ``bounces - 1``. Raises ArgumentError if
+    the computation would take more than several minutes.
     """
     beams = _first_beams(facets, ends)
     for number in range(2, bounces + 1):
@@ -314,7 +315,10 @@ def _transformed(matrices: Floats, vectors: Floats) -> Floats:
 
 
 def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
-    """Return the parts of all triangles that beams illuminate after their last reflection."""
+    """Return the parts of all triangles that beams illuminate after their last reflection.
+
+    Parts behind the mirror, and parts hidden by other triangles, are omitted.
+    """
     beam, facet, signs = _candidates(facets, ends, beams)
     pairs, corners = beams.taken(beam), facets.corners[facet]
     unfolded = corners @ np.swapaxes(pairs.rotation, 1, 2) + pairs.shift[:, None]
@@ -347,14 +351,20 @@ def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
 
 
 def _heights(facets: Facets, beams: Beams, corners: Floats) -> Floats:
-    """Return the heights of corners (n, 3, 3) above the last mirrors of n beams, shape (n, 3)."""
+    """Return the heights of corners (n, 3, 3) above the last mirrors of n beams, shape (n, 3).
+
+    Heights are positive on the side of the beam.
+    """
     heights = (corners @ beams.normal[:, :, None])[..., 0] - beams.height[:, None]
     heights[np.abs(heights) < NOTHING * facets.size] = 0.0
     return np.asarray(heights)
 
 
 def _candidates(facets: Facets, ends: Ends, beams: Beams) -> tuple[Indices, Indices, Sides]:
-    """Return beam, triangle and illuminated side of pairs whose bounding boxes overlap."""
+    """Return beam, triangle and illuminated side of pairs that may meet.
+
+    The bounding boxes of these pairs overlap in the transmitter's image plane.
+    """
     points = facets.corners.reshape(-1, 3)
     step, columns = max(1, _BLOCK // len(points)), []
     for start in range(0, len(beams), step):
@@ -405,7 +415,10 @@ def _clipped(corners: Floats, heights: Floats) -> tuple[Floats, Indices]:
 
 
 def _displaced_boxes(points: Floats, beam: Indices, size: float) -> Shapes:
-    """Return bounding boxes, displaced so that boxes of different beams do not overlap."""
+    """Return bounding boxes of polygons, displaced so that boxes of different beams do not overlap.
+
+    ``points`` (n, k, 2): corners of the polygons. ``size``: size of the body.
+    """
     slack = _SLACK * size
     low, high = points.min(axis=1) - slack, points.max(axis=1) + slack
     width = float(np.ptp(points[..., 0])) + 4 * slack if len(points) else 0.0

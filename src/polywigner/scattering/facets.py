@@ -81,14 +81,14 @@ class Facets:
 
     @cached_property
     def corners(self) -> Floats:
-        """Positions of all corners in m, shape (triangle, corner, component)."""
+        """Corners relative to the body's centre in m, shape (triangle, corner, component)."""
         return self.corner[:, None] + np.stack(
             [np.zeros_like(self.first), self.first, self.second], axis=1
         )
 
     @cached_property
     def plane(self) -> Indices:
-        """Index of the plane of each triangle, shape (n,)."""
+        """Index of the plane and orientation of each triangle, shape (n,)."""
         height = (self.normal * self.corner).sum(axis=1, keepdims=True) / self.size
         return cluster_indices(np.concatenate([self.normal, height], axis=1), _ONE_PLANE)
 
@@ -106,7 +106,10 @@ class Facets:
 
     @cached_property
     def surface(self) -> Indices:
-        """Index of the smooth face that contains each triangle, shape (n,)."""
+        """Index of the smooth face that contains each triangle, shape (n,).
+
+        Normals of adjacent triangles of a smooth face differ by less than 30 degrees.
+        """
         first, second = self.neighbours
         cosine = (self.normal[first] * self.normal[second]).sum(axis=1)
         both_sides = self.is_plate[first] & self.is_plate[second]
@@ -129,7 +132,7 @@ class Facets:
 def facets_of(body: Any) -> Facets:
     """Return the triangles of a body or plate, cached for equal bodies.
 
-    Raises ArgumentError for other objects, and for plates with a field.
+    Raises ArgumentError for other objects, and for plates with an illumination.
     """
     return _facets(_bodies(body))
 
@@ -224,13 +227,14 @@ class Visible:
 def facing(facets: Facets, direction: Floats, block: slice = slice(None)) -> Sides:
     """Return the sides of triangles that face distant observers who look along ``direction``.
 
-    The result has the shape (..., n) for directions (..., 3).
+    The result has the shape (..., n) for directions (..., 3). It is 1 for the outer side, -1 for
+    the back of a plate, and 0 for neither.
     """
     return _sides(direction @ facets.normal[block].T, facets.is_plate[block])
 
 
 def facing_point(facets: Facets, point: Floats) -> Sides:
-    """Return the sides of triangles that face a point (3,), shape (n,).
+    """Return the sides of triangles that face a point (3,), as in :func:`facing`, shape (n,).
 
     The point is relative to the body's centre, in m.
     """
@@ -240,9 +244,10 @@ def facing_point(facets: Facets, point: Floats) -> Sides:
 
 
 def _sides(cosine: Floats, is_plate: NDArray[np.bool_]) -> Sides:
-    """Return the sides of triangles that face an observer.
+    """Return the sides of triangles that face an observer, as in :func:`facing`.
 
-    ``cosine``: cosine between the outward normals and the direction from the observer.
+    ``cosine``: cosine between the outward normals and the direction from the observer, negative for
+    the outer side.
     """
     sides = (cosine < -_EDGE_ON).astype(np.int8)
     sides -= ((cosine > _EDGE_ON) & is_plate).astype(np.int8)
@@ -250,7 +255,7 @@ def _sides(cosine: Floats, is_plate: NDArray[np.bool_]) -> Sides:
 
 
 def axes_across(direction: Floats) -> Floats:
-    """Return the image axes of observers who look along ``direction``, shape (..., 2, 3)."""
+    """Return the image axes (..., 2, 3) seen along ``direction``, perpendicular unit vectors."""
     first = np.cross(direction, np.eye(3)[np.abs(direction).argmin(axis=-1)])
     first /= np.linalg.norm(first, axis=-1, keepdims=True)
     return np.stack([first, np.cross(first, direction)], axis=-2)
@@ -344,8 +349,9 @@ def pieces_of(
     """Divide m parts of triangles into triangles; also return the part index of each triangle.
 
     ``numbers``, ``signs`` and ``parts``: index of the original triangle, its visible side, and the
-    part as in :class:`Visible`. A cut part becomes signed triangles between the first corner of its
-    original triangle and each edge of the part.
+    part as in :class:`Visible`. A cut part becomes triangles between the first corner of its
+    original triangle and each edge of the part; the signs of their areas are signs of
+    ``Pieces.vector``.
     """
     (complete,) = np.nonzero(shapely.is_missing(parts))
     (cut,) = np.nonzero(~shapely.is_missing(parts))
@@ -453,9 +459,10 @@ def illuminates_itself(facets: Facets, travelling: Floats) -> bool:
 
 
 def _reflects_to_another(facets: Facets, k: Floats, rays: Indices, count: int) -> bool:
-    """Return whether any of ``count`` rays along ``k`` is reflected to another face.
+    """Return whether any of the rays with the indices ``rays`` is reflected to another face.
 
-    Faces that are parallel within 30 degrees reflect forwards and count as one face.
+    There are ``count`` rays along ``k`` in total. Faces that are parallel within 30 degrees reflect
+    forwards and count as one face.
     """
     signs = facing(facets, k)
     if not signs.any():
@@ -477,7 +484,10 @@ def _reflects_to_another(facets: Facets, k: Floats, rays: Indices, count: int) -
 
 
 def _first_met(facets: Facets, start: Floats, along: Floats) -> Indices:
-    """Return the index of the first triangle that each ray meets, or -1, shape (n,)."""
+    """Return the index of the first triangle that each ray meets, or -1, shape (n,).
+
+    Rays begin at ``start`` (n, 3) and continue along ``along`` (n, 3).
+    """
     # Barycentric coordinates are dot products with dual vectors of the triangle.
     squared = np.square(facets.vector).sum(axis=1, keepdims=True)
     duals = np.cross(facets.second, facets.vector), np.cross(facets.vector, facets.first)

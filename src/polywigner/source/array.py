@@ -132,7 +132,10 @@ class PathLengths:
 
 
 def _with_phases(array: Array, cycles: NDArray[np.float64], slopes: NDArray[np.float64]) -> Array:
-    """Return an array whose element k is multiplied by exp(2 pi i (cycles_k + slopes_k.x))."""
+    """Return an array whose element k is multiplied by exp(2 pi i (cycles_k + slopes_k.x)).
+
+    x is the position in the plane of the array in m, and ``slopes`` (n, d) are in 1/m.
+    """
     pairs = zip(array.elements, slopes, strict=True)
     elements = [_tilted(element, slope) for element, slope in pairs]
     return Array(elements, array.weights * waves_of_cycles(cycles))
@@ -232,7 +235,7 @@ class Array(TakesWaves):
 
     @cached_property
     def elements(self) -> tuple[Element, ...]:
-        """The elements, each with its field."""
+        """The elements, each with its field but without its weight."""
         # Only phased arrays reach this line; __init__ sets the elements of other arrays.
         assert self.repeated is not None
         element, positions = self.repeated
@@ -280,7 +283,7 @@ class Array(TakesWaves):
 
     @cached_property
     def support(self) -> Aperture:
-        """The union of the elements, which contains all points with a field.
+        """The union of the elements, a uniform aperture that contains all points with a field.
 
         ``polywigner.automean(array.support)`` contains the support of the Wigner function.
 

@@ -76,7 +76,7 @@ class SourceElement:
 
     @property
     def rings(self) -> tuple[Floats, ...]:
-        """Rings (n, 2) of an aperture; exteriors are counter-clockwise, holes clockwise."""
+        """Rings (n, 2) of an aperture in m, without its pose; holes are clockwise."""
         if isinstance(self.outline, Slits):
             raise GeometryError("only an Aperture has rings, got Slits")
         return self.outline.rings
@@ -203,7 +203,7 @@ class Source:
 
     @cached_property
     def frequencies(self) -> Floats:
-        """Distinct frequencies of all waves in 1/m, shape (m, d)."""
+        """Distinct frequencies of all waves in 1/m, shape (m, d); 0 for uniform fields."""
         return np.unique(np.concatenate([e.frequencies for e in self.distinct]) + 0.0, axis=0)
 
     @cached_property

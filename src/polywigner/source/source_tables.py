@@ -167,7 +167,7 @@ def _union_of(functions: Mapping[str, Callable[..., Any]], base: type = Kind) ->
 
 
 def _row_positions(count: int, pitch: float) -> NDArray[np.float64]:
-    """Return the positions (count, 1) in m of slits in a row."""
+    """Return the positions (count, 1) in m of slits in a row, centred at 0."""
     return arrays.grid_positions(count, 1, pitch)[:, :1]
 
 
@@ -188,9 +188,10 @@ ShapeTable = _union_of({name: getattr(shapes, name) for name in shapes.__all__},
 
 
 def called(table: Any, wavelength: float | None = None, layout: Any = None, **context: Any) -> Any:
-    """Call the function of a table with the values of the table and of ``context``.
+    """Return the result of the function that a table specifies, called with the table's values.
 
     ``wavelength``: default in m. ``layout``: table of the positions, required by windows.
+    ``context``: further arguments, of which each function receives its parameters.
     """
     function, values = _FUNCTIONS[type(table)], msgspec.structs.asdict(table)
     parameters = inspect.signature(function).parameters
@@ -243,7 +244,8 @@ _EXPECTED = {
 def _table_of_text(name: str, text: str) -> dict[str, Any]:
     """Return the table that is equivalent to a short string of the kind ``name``.
 
-    Raises QuantityError for other text.
+    Kinds are "taper", "array", "window", "steering" and "focus". Raises QuantityError for other
+    text.
     """
     if name == "steering":
         return {"kind": name, **dict(zip(("theta", "phi"), parse_direction(text), strict=True))}
@@ -278,7 +280,10 @@ def apply_texts(source: Any, texts: Mapping[str, str], wavelength: float | None)
 
 
 def _with_text(source: Any, name: str, texts: Mapping[str, str], wavelength: float | None) -> Any:
-    """Return a source to which the short string ``texts[name]`` is applied."""
+    """Return a source to which the short string ``texts[name]`` is applied.
+
+    Windows also use the layout ``texts["array"]``, if present.
+    """
     text, got = texts[name], type(source).__name__
     if name in ("curved", "coherence"):
         if not hasattr(source, "curved"):
@@ -314,7 +319,10 @@ def _with_text(source: Any, name: str, texts: Mapping[str, str], wavelength: flo
 
 
 def _tapered(aperture: Aperture, table: dict[str, Any]) -> Aperture:
-    """Return an aperture with the taper of a table, which spans its bounding box."""
+    """Return an aperture whose field is multiplied by the taper of a table.
+
+    The taper spans the bounding box of the aperture.
+    """
     xmin, ymin, xmax, ymax = aperture.bounds
     sizes = {"width": xmax - xmin, "height": ymax - ymin}
     axis = table.pop("axis", None)
@@ -333,7 +341,10 @@ def _with_factor(aperture: Aperture, field: Illumination) -> Aperture:
 
 
 def parse_direction(text: str) -> tuple[float, float]:
-    """Parse "20 deg" or "20 deg, 90 deg" to theta >= 0 and phi in rad; or raise QuantityError."""
+    """Parse "20 deg" or "20 deg, 90 deg" to theta >= 0 and phi in rad; or raise QuantityError.
+
+    By default phi is 0. A negative theta becomes positive, and phi is rotated by pi.
+    """
     theta, *phi = map(quantities.parse_angle, _split_at_commas(text))
     # Rejects degrees without a unit.
     if len(phi) > 1 or not abs(theta) < math.pi / 2:

@@ -117,9 +117,9 @@ def compute(
 ) -> Values:
     """Return a public transform of a source at NumPy points or Dr.Jit points.
 
-    The Fourier transform of arrays and of sources with several waves is computed by
-    :func:`polywigner.fourier`. ``through`` and ``wavelength`` [m] must be specified together, and
-    the points are then points behind the optical system.
+    ``points``: arguments of the transform by name. The Fourier transform of arrays and of sources
+    with several waves is computed by :func:`polywigner.fourier`. ``through`` and ``wavelength`` [m]
+    must be specified together, and the points are then points behind the optical system.
     """
     call = partial(_before_system, name, source, through, wavelength, (precision, engine))
     is_differentiable = isinstance(source, Differentiable)

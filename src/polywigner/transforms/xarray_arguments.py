@@ -201,7 +201,7 @@ def _component_dimension(name: str) -> str:
 def _with_dimension(name: str, value: Any, kind: type) -> xarray.DataArray | NDArray[Any]:
     """Return a DataArray whose last dimension is renamed, or one point as a NumPy array.
 
-    Raises ArgumentError for other values.
+    ``kind``: the class DataArray. Raises ArgumentError for other values.
     """
     if not isinstance(value, kind):
         try:
@@ -229,7 +229,7 @@ def _with_dimension(name: str, value: Any, kind: type) -> xarray.DataArray | NDA
 
 
 def _dtypes_of(call: Callable[..., Any], values: Sequence[Any]) -> list[np.dtype[Any]]:
-    """Return the data types of the results of a function, which is called without points."""
+    """Return the data types of the results of a function, which is called with empty arrays."""
     empty = [
         np.empty((0, v.shape[-1]), v.dtype) if hasattr(v, "dims") else np.asarray(v) for v in values
     ]
