@@ -126,7 +126,7 @@ class FMCW:
 
     @property
     def noise_gain(self) -> float:
-        """Ratio of the noise power of a spectrum value to the noise power of a sample, here 1."""
+        """Noise power of a spectrum value divided by the noise power of a sample, here 1."""
         return 1.0
 
     def from_spectrum(self, spectrum: Complex) -> Complex:
@@ -179,7 +179,7 @@ class Pulse(FMCW):
 
     @property
     def noise_gain(self) -> float:
-        """Ratio of the noise power of a spectrum value to the noise power of a sample.
+        """Noise power of a spectrum value divided by the noise power of a sample.
 
         It equals the number of samples.
         """
@@ -295,7 +295,7 @@ def range_doppler(cube: Any, window: str = "hann", pad: int = 1) -> xarray.DataA
     -------
     xarray.DataArray
         Power in W with the dimensions draw, receiver, emitter, ``range_rate`` in m/s (positive for
-        receding objects) and ``range`` in m (half the path length, from zero). The attribute
+        receding objects) and ``range`` in m (half the path length). The attribute
         ``noise_floor`` is the mean noise power of a bin in W for each receiver.
 
     Raises
@@ -507,10 +507,7 @@ def _by_range(cube: Any, spectra: Complex, window: str, pad: int) -> tuple[Compl
 def _labelled(
     values: Floats, dims: Sequence[str], coords: dict[str, Floats], cube: Any, floor: Any
 ) -> xarray.DataArray:
-    """Return received power as a DataArray with the coordinates of the cube.
-
-    ``floor``: noise power of a bin in W, a number or an array.
-    """
+    """Return received power as a DataArray; ``floor`` is the noise power of a bin in W."""
     import xarray
 
     units = {"range": "m", "range_rate": "m/s", "direction_cosine": "1"}

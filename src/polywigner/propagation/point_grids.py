@@ -283,7 +283,7 @@ def _corners(name: str, corners: Any, which: str) -> Floats:
 
 
 def _counts(shape: Any, dimensions: int) -> Index:
-    """Return numbers of points; raise ArgumentError unless each dimension has one, at least 1."""
+    """Return numbers of points; raise ArgumentError unless there is one for each dimension."""
     is_row = isinstance(shape, Sequence) or np.ndim(shape) == 1
     if not is_row or isinstance(shape, (str, bytes)) or len(shape) != dimensions:
         raise ArgumentError(f"expected shape to be {dimensions} integers, got {value_text(shape)}")

@@ -243,7 +243,7 @@ def field_of_screen(
     tolerance: float,
     engine: str,
 ) -> tuple[Complex, NDArray[np.float64]]:
-    """Return the field behind a screen at points (n, 3) in m with z > 0, and its error, both (n,).
+    """Return the field behind a screen at points (n, 3) with z > 0, and its error, both (n,).
 
     Raises ArgumentError unless ``method`` is a boundary condition.
     """

@@ -102,12 +102,11 @@ def shadow_of(
     with_error: bool = False,
     edge: Edge = "black",
 ) -> tuple[Complex, NDArray[np.bool_], Floats]:
-    """Return the change of the field at points (n, 3) in m due to obstacles.
+    """Return the change of the field, total minus free, at points (n, 3) in m due to obstacles.
 
-    The change is the total minus the free field. Also return a mask of the points inside bodies,
-    where the total field is zero, and the estimated errors (n,), which are zero unless
-    ``with_error`` is true. ``bodies`` are in wavelengths. Raises ArgumentError if an obstacle
-    encloses part of the source or the source needs too many points.
+    Also return a mask of the points inside bodies, where the total field is zero, and the estimated
+    errors (n,), which are zero unless ``with_error`` is true. ``bodies`` are in wavelengths. Raises
+    ArgumentError if an obstacle encloses part of the source or the source needs too many points.
     """
     positions = points / wavelength
     if edge != "black":
@@ -321,8 +320,7 @@ def _summed(
 def _resolution(ends: Floats, sources: Floats, points: Floats) -> Floats:
     """Return the lengths (n,) at points (n, 3) that are as small as rounding errors.
 
-    ``ends`` (m, 3): ends of edges. ``sources`` (k, 3): source points. All lengths have the same
-    unit.
+    ``ends`` (m, 3) of edges and ``sources`` (k, 3) have the same unit.
     """
     if not len(ends):
         return np.zeros(len(points))

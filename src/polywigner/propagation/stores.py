@@ -310,10 +310,7 @@ def _write_region(values: NDArray[Any], path: Path, block_info: Any = None) -> N
 
 
 def _client(scheduler: Scheduler) -> Client:
-    """Return a dask client with at least one worker; raise EngineError if there is none.
-
-    ``scheduler``: address or cluster.
-    """
+    """Return a dask client with at least one worker; raise EngineError if there is none."""
     distributed = required("distributed")
     try:
         client = distributed.Client(scheduler, timeout=_PATIENCE, set_as_default=False)

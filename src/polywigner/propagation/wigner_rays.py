@@ -256,8 +256,8 @@ def _kinks(source: Aperture | Array) -> Floats | None:
     form = normal_form(source)
     elements, means = form.in_plane.elements, np.zeros((1, 2))
     grid = 0.0
-    if form.lattice is not None:
-        elements, positions = (form.lattice.element,), form.lattice.positions
+    if form.copies is not None:
+        elements, positions = (form.copies.element,), form.copies.positions
         means = (positions[:, None] / 2 + positions / 2).reshape(-1, 2)
         grid = grid_size(positions) if positions.any() else 1.0
         means = np.unique(np.rint(means / grid), axis=0) * grid

@@ -54,8 +54,8 @@ def wavelengths_of_band(
     """Return wavelengths in m and weights for a mean over a band of frequencies.
 
     The band of ``bandwidth`` in Hz is centred at the frequency of ``wavelength``. ``lag``: size of
-    the source in m. ``error``: allowed error of the mean. The weights have the sum 1. Raises
-    ArgumentError for bands that are too wide.
+    the source in m. ``error``: allowed error of the mean. Raises ArgumentError for bands that are
+    too wide.
     """
     spread = bandwidth * lag / SPEED_OF_LIGHT
     if not spread <= _MOST_SPREAD:

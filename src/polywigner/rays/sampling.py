@@ -176,7 +176,7 @@ def _random_blocks(
 ) -> Iterator[tuple[Floats, int | None]]:
     """Yield blocks of random numbers in [0, 1), shape (m, 4 + tilts), and the batch index or None.
 
-    Columns: direction (2), position (2), tilt (``tilts``). Without batches, the index is None.
+    Columns: direction (2), position (2), tilt (``tilts``).
     """
     generator = checked_generator(seed)
     if sampling != "quasi-random":
@@ -238,10 +238,7 @@ class Cone:
         return vectors, area * solid
 
     def _beam_centres(self, slope: Floats) -> Floats:
-        """Return the centres (n, 2) of beams in the unit disc that the cone is mapped to.
-
-        Beams outside the cone are moved to its edge.
-        """
+        """Return the centres (n, 2) of beams in the unit disc that the cone is mapped to."""
         cosines = self.frame[:2, 2] + slope
         # Limit beams to directions in front of the plane.
         cosines /= np.maximum(np.hypot(*cosines.T), 1.0)[:, None]

@@ -349,10 +349,7 @@ def _centre(cells: Cells, numbers: Indices | int) -> Floats:
 
 @lru_cache(maxsize=32)
 def _rule(order: int) -> tuple[Floats, Floats]:
-    """Return Gauss nodes (q^2, 2) on [-1, 1]^2 and the matrix (q, q) of the Legendre transform.
-
-    The matrix maps values at the nodes of an axis to coefficients of Legendre polynomials.
-    """
+    """Return Gauss nodes (q^2, 2) on [-1, 1]^2 and the matrix (q, q) of the Legendre transform."""
     nodes, weights = np.polynomial.legendre.leggauss(order)
     x, y = np.meshgrid(nodes, nodes, indexing="ij")
     series = np.polynomial.legendre.legvander(nodes, order - 1).T * weights

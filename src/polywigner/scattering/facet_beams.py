@@ -42,7 +42,7 @@ from polywigner.scattering.facets import (
     less_hidden,
     pieces_of,
     surface_sums,
-    transforms,
+    triangle_transforms,
     visible_along,
     visible_pieces,
 )
@@ -351,20 +351,14 @@ def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
 
 
 def _heights(facets: Facets, beams: Beams, corners: Floats) -> Floats:
-    """Return the heights of corners (n, 3, 3) above the last mirrors of n beams, shape (n, 3).
-
-    Heights are positive on the side of the beam.
-    """
+    """Return the heights (n, 3) of corners (n, 3, 3) on the beam's side of the last mirrors."""
     heights = (corners @ beams.normal[:, :, None])[..., 0] - beams.height[:, None]
     heights[np.abs(heights) < NOTHING * facets.size] = 0.0
     return np.asarray(heights)
 
 
 def _candidates(facets: Facets, ends: Ends, beams: Beams) -> tuple[Indices, Indices, Sides]:
-    """Return beam, triangle and illuminated side of pairs that may meet.
-
-    The bounding boxes of these pairs overlap in the transmitter's image plane.
-    """
+    """Return beam, triangle and illuminated side of pairs whose bounding boxes overlap."""
     points = facets.corners.reshape(-1, 3)
     step, columns = max(1, _BLOCK // len(points)), []
     for start in range(0, len(beams), step):
@@ -415,10 +409,7 @@ def _clipped(corners: Floats, heights: Floats) -> tuple[Floats, Indices]:
 
 
 def _displaced_boxes(points: Floats, beam: Indices, size: float) -> Shapes:
-    """Return bounding boxes of polygons, displaced so that boxes of different beams do not overlap.
-
-    ``points`` (n, k, 2): corners of the polygons. ``size``: size of the body.
-    """
+    """Return bounding boxes, displaced so that boxes of different beams do not overlap."""
     slack = _SLACK * size
     low, high = points.min(axis=1) - slack, points.max(axis=1) + slack
     width = float(np.ptp(points[..., 0])) + 4 * slack if len(points) else 0.0
@@ -453,7 +444,9 @@ def _add_fields(later: Complex, facets: Facets, hits: Hits, ends: Ends, lengths:
     for start in range(0, len(view), step):
         piece, sample = _members(view[start : start + step], ends.of_view)
         piece, sample = piece + start, ends.samples[sample]
-        waves = transforms(*(phase[piece] / lengths[sample] for phase in (corner, first, second)))
+        waves = triangle_transforms(
+            *(phase[piece] / lengths[sample] for phase in (corner, first, second))
+        )
         _add_rows(later.reshape(-1, 9), sample, waves[:, None] * fields[piece])
 
 

@@ -88,7 +88,7 @@ class Facets:
 
     @cached_property
     def plane(self) -> Indices:
-        """Index of the plane and orientation of each triangle, shape (n,)."""
+        """Index of the plane of each triangle, shape (n,)."""
         height = (self.normal * self.corner).sum(axis=1, keepdims=True) / self.size
         return cluster_indices(np.concatenate([self.normal, height], axis=1), _ONE_PLANE)
 
@@ -106,10 +106,7 @@ class Facets:
 
     @cached_property
     def surface(self) -> Indices:
-        """Index of the smooth face that contains each triangle, shape (n,).
-
-        Normals of adjacent triangles of a smooth face differ by less than 30 degrees.
-        """
+        """Index of the smooth face that contains each triangle, shape (n,)."""
         first, second = self.neighbours
         cosine = (self.normal[first] * self.normal[second]).sum(axis=1)
         both_sides = self.is_plate[first] & self.is_plate[second]
@@ -227,8 +224,7 @@ class Visible:
 def facing(facets: Facets, direction: Floats, block: slice = slice(None)) -> Sides:
     """Return the sides of triangles that face distant observers who look along ``direction``.
 
-    The result has the shape (..., n) for directions (..., 3). It is 1 for the outer side, -1 for
-    the back of a plate, and 0 for neither.
+    The result has the shape (..., n) for directions (..., 3), with the values of `Sides`.
     """
     return _sides(direction @ facets.normal[block].T, facets.is_plate[block])
 
@@ -403,12 +399,14 @@ def surface_sums(pieces: Pieces, nu: Floats, signs: Signs | None = None) -> Comp
             lit = np.nonzero(sides)
             vectors = block.corner, block.first, block.second
             values = np.zeros(shape, np.complex128)
-            values[lit] = transforms(*((nu[rows_here] @ v.T)[lit] for v in vectors)) * sides[lit]
+            values[lit] = (
+                triangle_transforms(*((nu[rows_here] @ v.T)[lit] for v in vectors)) * sides[lit]
+            )
             result[rows_here] += values @ block.vector
     return result
 
 
-def transforms(corner: Floats, first: Floats, second: Floats) -> Complex:
+def triangle_transforms(corner: Floats, first: Floats, second: Floats) -> Complex:
     """Return the Fourier transforms of triangles, divided by twice their areas (F5).
 
     The arguments are dot products of the frequency with the first corner and with both sides, in

@@ -33,7 +33,7 @@ from polywigner.scattering.facets import (
     Visible,
     facing_point,
     less_hidden,
-    transforms,
+    triangle_transforms,
     visible_from,
     visible_pieces,
     warn_of_reflections,
@@ -424,7 +424,7 @@ def _summed(
             parts = parts * back
         nu = -(ahead + behind) / transmitter.wavelength
         cycles = [(nu * side).sum(axis=1) for side in (block.first, block.second)]
-        weights = transforms(-(cycles[0] + cycles[1]) / 3, *cycles)
+        weights = triangle_transforms(-(cycles[0] + cycles[1]) / 3, *cycles)
         total += (parts * weights).sum(axis=-1)
     return total
 
@@ -465,7 +465,7 @@ def _divided(pieces: Pieces, transmitter: Antenna, receiver: Antenna, tolerance:
 def _deviation(pieces: Pieces, transmitter: Antenna, receiver: Antenna) -> Floats:
     """Return the mean relative deviations (n,) of fields from plane waves on each piece (SC4).
 
-    The deviations of both antennas are added.
+    Both antennas' deviations are added.
     """
     sides = (pieces.first, pieces.second, pieces.second - pieces.first)
     longest = np.max([np.linalg.norm(side, axis=1) for side in sides], axis=0)

@@ -132,10 +132,7 @@ class PathLengths:
 
 
 def _with_phases(array: Array, cycles: NDArray[np.float64], slopes: NDArray[np.float64]) -> Array:
-    """Return an array whose element k is multiplied by exp(2 pi i (cycles_k + slopes_k.x)).
-
-    x is the position in the plane of the array in m, and ``slopes`` (n, d) are in 1/m.
-    """
+    """Return an array whose element k is multiplied by exp(2 pi i (cycles_k + slopes_k.x))."""
     pairs = zip(array.elements, slopes, strict=True)
     elements = [_tilted(element, slope) for element, slope in pairs]
     return Array(elements, array.weights * waves_of_cycles(cycles))

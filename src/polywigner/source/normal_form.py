@@ -76,7 +76,7 @@ class SourceElement:
 
     @property
     def rings(self) -> tuple[Floats, ...]:
-        """Rings (n, 2) of an aperture in m, without its pose; holes are clockwise."""
+        """Rings (n, 2) of an aperture; exteriors are counter-clockwise, holes clockwise."""
         if isinstance(self.outline, Slits):
             raise GeometryError("only an Aperture has rings, got Slits")
         return self.outline.rings
@@ -109,7 +109,7 @@ class RepeatedElement:
     """Weights of the copies, shape (n,)."""
 
     @cached_property
-    def sites(self) -> Lattice | None:
+    def lattice(self) -> Lattice | None:
         """The lattice of the positions in the plane; None if there is no lattice."""
         return lattice_of(self.positions, self.weights)
 
@@ -179,7 +179,7 @@ class Source:
         return len(self.weights)
 
     @cached_property
-    def lattice(self) -> RepeatedElement | None:
+    def copies(self) -> RepeatedElement | None:
         """The elements as shifted copies of one element; None if they are not copies.
 
         Fewer than 24 elements are not tested, and have None unless they are a phased array.

@@ -157,10 +157,7 @@ class SlitsTable(_Illuminated, tag="slits"):
 
 
 def _aperture_of_polygons(polygons: list[list[Any]]) -> Aperture:
-    """Return an aperture made of polygons, with unchanged vertices if the polygons are valid.
-
-    ``polygons``: list of rings of each polygon, with the exterior first.
-    """
+    """Return an aperture made of polygons, with unchanged vertices if the polygons are valid."""
     parts = [
         tuple(oriented(np.array(ring), n == 0) for n, ring in enumerate(rings))
         for rings in polygons
@@ -234,10 +231,7 @@ class WavefrontTable(Table):
     coherence_width: Length | None = None
 
     def on(self, source: Any, wavelength: float | None) -> Wavefront:
-        """Return a source with this wave; ``wavelength``: wavelength of the file in m, or None.
-
-        A radius of curvature requires a wavelength in the file or in this table.
-        """
+        """Return a source with this wave; ``wavelength``: wavelength of the file in m, or None."""
         length = None if self.curvature is None else self.wavelength
         width = self.coherence_width or math.inf
         wave = Wavefront(source, self.curvature, self.centre, width, length)

@@ -191,7 +191,7 @@ def called(table: Any, wavelength: float | None = None, layout: Any = None, **co
     """Return the result of the function that a table specifies, called with the table's values.
 
     ``wavelength``: default in m. ``layout``: table of the positions, required by windows.
-    ``context``: further arguments, of which each function receives its parameters.
+    ``context``: further arguments, used if the function has them.
     """
     function, values = _FUNCTIONS[type(table)], msgspec.structs.asdict(table)
     parameters = inspect.signature(function).parameters
@@ -244,8 +244,7 @@ _EXPECTED = {
 def _table_of_text(name: str, text: str) -> dict[str, Any]:
     """Return the table that is equivalent to a short string of the kind ``name``.
 
-    Kinds are "taper", "array", "window", "steering" and "focus". Raises QuantityError for other
-    text.
+    Raises QuantityError for other text.
     """
     if name == "steering":
         return {"kind": name, **dict(zip(("theta", "phi"), parse_direction(text), strict=True))}

@@ -143,7 +143,7 @@ class AberratedPupil:
         return float((np.abs(self.weights) * self.amplitudes) @ shapely.area(self.polygons))
 
     @cached_property
-    def energy(self) -> float:
+    def energy_bound(self) -> float:
         """Upper bound on the integral of |u|^2 over the pupil, where u is the weighted field."""
         return float((np.abs(self.weights) * self.amplitudes) ** 2 @ shapely.area(self.polygons))
 

@@ -37,7 +37,7 @@ from polywigner.transforms.sections import (
     mirrored_correlation,
     mutual_spectra,
     overlaps,
-    phase,
+    phase_factor,
 )
 from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
 
@@ -276,10 +276,7 @@ class Tile(NamedTuple):
 
 
 def _on_grid(function: Callable[..., Array]) -> Compute:
-    """Return a tile function that evaluates a function of points at all pairs of coordinates.
-
-    The function of points takes a source and points (n, m, 2).
-    """
+    """Return a tile function that evaluates a function of points at all pairs of coordinates."""
 
     def values(source: PhaseSpaceSource, first: Floats, second: Floats, engine: Engine) -> Array:
         """Return the values at all pairs of coordinates, one row for each first coordinate."""
@@ -401,7 +398,7 @@ def _ambiguity_of_rows(field: PlaneField, upsilon_x: Floats, xi_x: Floats) -> Ar
     regions = overlaps(field, ahead, behind)
     points = np.column_stack([xi_x, np.full(len(xi_x), y)])
     spectra = mutual_spectra(field, regions, upsilon_x, points, _pairing_of_opposite_rows)
-    return 2 * (spectra * phase(x, upsilon_x)).T
+    return 2 * (spectra * phase_factor(x, upsilon_x)).T
 
 
 def _pairing_of_opposite_rows(first: Floats, second: Floats) -> tuple[Floats, Floats]:
@@ -416,7 +413,7 @@ def _opposite_columns(field: PlaneField, upsilon_y: Floats, xi_x: Floats) -> Arr
     ahead, behind = (
         column_spectra(field, sign * xi_x / 2 - x, sign * upsilon_y / 2) for sign in (1.0, -1.0)
     )
-    return (ahead * np.conj(behind) * phase(y, upsilon_y)).T
+    return (ahead * np.conj(behind) * phase_factor(y, upsilon_y)).T
 
 
 _LETTERS = {"autocorrelation": "R", "wigner": "W", "ambiguity": "A"}

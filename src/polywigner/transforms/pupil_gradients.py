@@ -96,7 +96,7 @@ class PupilNumbers:
         return arrays if self.coefficients is None else [*arrays, self.coefficients]
 
     def joined(self, values: Complex, derivatives: Derivatives) -> Jets:
-        """Return the jet that consists of values (n,) and their derivatives, by :attr:`arrays`."""
+        """Return the jet that consists of values and their derivatives."""
         columns = [values[:, None]]
         if self.vertices is not None:
             by_vertices = derivatives.vertices()
@@ -242,7 +242,7 @@ def _jets_of_block(
         """Return the integrals at all lags, for a number of additional nodes."""
         return by_lag(regions, slice_integrals(pupil, regions, extra, tolerance))[0]
 
-    values = converged(evaluate, tolerance * pupil.energy, "the OTF").values
+    values = converged(evaluate, tolerance * pupil.energy_bound, "the OTF").values
     return numbers.joined(values, _AutocorrelationDerivatives(pupil, regions, tolerance))
 
 

@@ -207,7 +207,7 @@ def column_integrals(field: PlaneField, x: Floats) -> NDArray[Any]:
     return values.real if field.is_uniform and not np.iscomplexobj(field.weights) else values
 
 
-def phase(centre: float, nu: Floats) -> Complex:
+def phase_factor(centre: float, nu: Floats) -> Complex:
     """Return exp(-2 pi i nu centre) for frequencies (n,), from error-free products."""
     cosine, sine = cos_sin_cycles(_OPS, cycles_to_centre(_OPS, (centre,), nu))
     return np.asarray(cosine - 1j * sine)

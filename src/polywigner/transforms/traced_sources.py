@@ -175,8 +175,7 @@ def _with_weights(source: Aperture | Array | None, weights: Complex) -> Array:
 def fourier_of(source: Differentiable, nu: Drjit, plain: PlainFourier) -> Drjit:
     """Return the Fourier transform of a source with Dr.Jit vertices or weights.
 
-    The transform is a sum over all plane waves on all elements, (C1) and (I1). ``plain``: Fourier
-    transform of elements without Dr.Jit arrays.
+    The transform is a sum over all plane waves on all elements, (C1) and (I1).
     """
     array = source.source
     is_array = isinstance(array, Array)

@@ -162,7 +162,7 @@ def tilts_of(source: Wavefront, error: float, longest: float = math.inf) -> tupl
     return nodes / (2 * math.pi * source.coherence_width), weights
 
 
-def within_widths(
+def wigner_at_any_width(
     closed_form: Callable[..., Any],
     of_coherent: Callable[..., Any],
     wave: Wavefront,
