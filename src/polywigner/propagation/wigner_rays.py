@@ -274,7 +274,7 @@ def _kinks(source: Aperture | Array) -> Floats | None:
 
 
 def _distinct(segments: Floats, grid: float) -> Floats:
-    """Round segments to a grid, and remove duplicates in either direction."""
+    """Round segments to a grid; drop segments of zero length and duplicates in either direction."""
     steps = np.rint(segments / grid)
     order = np.lexsort((steps[..., 1], steps[..., 0]), axis=1)
     steps = np.take_along_axis(steps, order[..., None], axis=1)

@@ -187,7 +187,9 @@ WeightTable = _union_of({
 ShapeTable = _union_of({name: getattr(shapes, name) for name in shapes.__all__}, _Shape)
 
 
-def called(table: Any, wavelength: float | None = None, layout: Any = None, **context: Any) -> Any:
+def call_table(
+    table: Any, wavelength: float | None = None, layout: Any = None, **context: Any
+) -> Any:
     """Return the result of the function that a table specifies, called with the table's values.
 
     ``wavelength``: default in m. ``layout``: table of the positions, required by windows.
@@ -214,7 +216,7 @@ def called(table: Any, wavelength: float | None = None, layout: Any = None, **co
 
 def product_of(tables: Any, wavelength: float | None, **context: Any) -> Any:
     """Return the product of the fields or weights that one or several tables describe."""
-    factors = (called(table, wavelength, **context) for table in _as_list(tables))
+    factors = (call_table(table, wavelength, **context) for table in _as_list(tables))
     return functools.reduce(operator.mul, factors)
 
 
@@ -300,9 +302,11 @@ def _with_text(source: Any, name: str, texts: Mapping[str, str], wavelength: flo
             raise ArgumentError(f"expected an aperture for this option, got {got}")
         if name == "taper":
             return _tapered(source, table)
-        return phased_array(source, called(converted(table, LayoutTable, strict=False)))
+        return phased_array(source, call_table(converted(table, LayoutTable, strict=False)))
     if name == "steering" and isinstance(source, Aperture):
-        return _with_factor(source, called(converted(table, FieldTable), wavelength, dimension=2))
+        return _with_factor(
+            source, call_table(converted(table, FieldTable), wavelength, dimension=2)
+        )
     if not isinstance(source, Array) or source.repeated is None:
         raise ArgumentError(
             f"expected an array of identical elements with a flat wave, got {got}; specify array "
@@ -313,7 +317,7 @@ def _with_text(source: Any, name: str, texts: Mapping[str, str], wavelength: flo
         layout = converted(_table_of_text("array", texts["array"]), LayoutTable, strict=False)
     element, positions = source.repeated
     weights = converted(table, WeightTable, strict=False)
-    factor = called(weights, wavelength, layout, positions=positions, dimension=2)
+    factor = call_table(weights, wavelength, layout, positions=positions, dimension=2)
     return repeated_element(element, positions, source.weights * factor)
 
 
@@ -329,7 +333,7 @@ def _tapered(aperture: Aperture, table: dict[str, Any]) -> Aperture:
         del sizes["height" if axis == "x" else "width"]
     if table.get("m") == "0":
         table["component"] = "x"
-    field = called(converted(table | sizes, FieldTable, strict=False), dimension=2)
+    field = call_table(converted(table | sizes, FieldTable, strict=False), dimension=2)
     return _with_factor(aperture, field.moved(aperture.centre))
 
 

@@ -320,10 +320,10 @@ def checked_waves(defocus: float) -> float:
     return checked_number(defocus, "defocus", "a finite defocus in waves")
 
 
-def checked_pupil_radius(source: PhaseSpaceSource, given: Any) -> float:
+def checked_pupil_radius(source: PhaseSpaceSource, pupil_radius: Any) -> float:
     """Return the radius of a pupil, by default the largest distance of a vertex from the origin."""
-    if given is not None:
-        return checked_length(given, "pupil_radius")
+    if pupil_radius is not None:
+        return checked_length(pupil_radius, "pupil_radius")
     points: list[Floats] = []
     for element in flat_source(source).elements_in_plane:
         is_slits = isinstance(element, Slits)
