@@ -214,10 +214,10 @@ def parse_waveform(text: str | FMCW) -> FMCW:
     Parameters
     ----------
     text : str or FMCW
-        A string with the start frequency, the bandwidth and the timing, such as ``"76 GHz + 1 GHz,
-        256 samples at 20 MHz, 64 chirps every 60 us"``. With ``bursts`` instead of ``chirps``, the
-        result is a :class:`SteppedFrequency`. With ``pulses``, it is a :class:`Pulse`, whose
-        sampling rate may be omitted. A waveform is returned unchanged.
+        A string with the start frequency, the bandwidth and the timing, such as
+        ``"76 GHz + 1 GHz, 256 samples at 20 MHz, 64 chirps every 60 us"``. With ``bursts`` instead
+        of ``chirps``, the result is a :class:`SteppedFrequency`. With ``pulses``, it is a
+        :class:`Pulse`, whose sampling rate may be omitted. A waveform is returned unchanged.
 
     Returns
     -------

@@ -33,7 +33,7 @@ _AXES = ("x", "y", "z")
 
 
 def checked_theta_and_phi(theta: Any, phi: Any) -> tuple[Floats, Floats]:
-    """Return theta (n,), from -pi to pi, and phi (m,), in rad; raise ArgumentError for others."""
+    """Return theta (n,) from -pi to pi and phi (m,) in rad, or raise ArgumentError."""
     return checked_angles(theta, "theta", math.pi), checked_angles(phi, "phi", math.inf)
 
 

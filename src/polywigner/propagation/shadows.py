@@ -449,9 +449,9 @@ class Blocker:
 
 
 def transmission_over(ops: Any, source: Point, point: Point, start: Point, end: Point) -> Values:
-    """Return the detour of the path over an edge [wavelengths], and the relative amplitude.
+    """Return the detour of the path over an edge [wavelengths], and the wave's real amplitude.
 
-    The amplitude is real, and relative to the free wave.
+    The amplitude is relative to the free wave.
     """
     detour, cosine, *_ = path_over(ops, source, point, start, end)
     # Kirchhoff's obliquity: cosine of half the bending angle.

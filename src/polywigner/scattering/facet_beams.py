@@ -351,7 +351,7 @@ def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
 
 
 def _heights(facets: Facets, beams: Beams, corners: Floats) -> Floats:
-    """Return the heights (n, 3) of corners (n, 3, 3) on the beam's side of the last mirrors."""
+    """Return heights (n, 3) of corners (n, 3, 3) above n mirrors, positive on the beam's side."""
     heights = (corners @ beams.normal[:, :, None])[..., 0] - beams.height[:, None]
     heights[np.abs(heights) < NOTHING * facets.size] = 0.0
     return np.asarray(heights)

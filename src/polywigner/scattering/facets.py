@@ -346,7 +346,7 @@ def pieces_of(
 
     ``numbers``, ``signs`` and ``parts``: index of the original triangle, its visible side, and the
     part as in :class:`Visible`. A cut part becomes triangles between the first corner of its
-    original triangle and each edge of the part; the signs of their areas are signs of
+    original triangle and each edge of the part. Areas may be negative, which reverses
     ``Pieces.vector``.
     """
     (complete,) = np.nonzero(shapely.is_missing(parts))

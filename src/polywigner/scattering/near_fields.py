@@ -152,7 +152,7 @@ class Antenna:
 
     @cached_property
     def position(self) -> Floats:
-        """Centre of the source in m in the body's frame, relative to its centre, shape (3,)."""
+        """Vector (3,) in m from the body's centre to the source's centre, in the body's frame."""
         centre = np.append(radiator_of(self.source).centre, 0.0)
         return np.asarray((centre - self.pose[:3, 3]) @ self.frame)
 

@@ -385,7 +385,7 @@ def _at_opposite_points(source: PhaseSpaceSource, grid: Floats, *, engine: Engin
 
 
 def _spectrum_product(source: PhaseSpaceSource, grid: Floats, *, engine: Engine) -> Array:
-    """Return F(upsilon/2) F*(-upsilon/2) (...), which is A integrated over the lags, (P11)."""
+    """Return F(upsilon/2) F*(-upsilon/2) on a grid (..., 2): A integrated over the lags, (P11)."""
     ahead = fourier(source, grid / 2, engine=engine)
     return np.asarray(ahead * np.conj(fourier(source, -grid / 2, engine=engine)))
 

@@ -285,7 +285,10 @@ class _AutocorrelationDerivatives:
         return moving.at_vertices(parts[0], np.einsum("km,kme->ke", values, weights))
 
     def weights(self) -> tuple[Complex, Complex]:
-        """Return the derivatives (lags, elements) by the weights, and by their conjugates."""
+        """Return the derivatives with respect to weights and to their complex conjugates.
+
+        Both arrays have the shape (lags, elements).
+        """
         regions, weights = self.regions, self.pupil.weights
         (integrals,) = slice_integrals(self.pupil, regions, _EXTRA, self.error)
         both = np.zeros((2, len(regions.lags), len(weights)), np.complex128)
@@ -295,7 +298,7 @@ class _AutocorrelationDerivatives:
         return both[0], both[1]
 
     def coefficients(self) -> Complex:
-        """Return the derivatives (lags, coefficients) by the aberration coefficients."""
+        """Return the derivatives with respect to the aberration coefficients, shape (lags, k)."""
         pupil, regions, path = self.pupil, self.regions, self.pupil.aberration
         assert path is not None
 
