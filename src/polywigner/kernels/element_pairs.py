@@ -111,7 +111,7 @@ _MOST_CELLS, _CELLS_PER_PAIR = 1 << 20, 64
 
 def is_scattered(array: Array) -> bool:
     """Return whether an array consists of six or more copies of one aperture."""
-    copies = normal_form(array).lattice
+    copies = normal_form(array).copies
     if copies is None or not isinstance(copies.element.outline, Aperture):
         return False
     return len(array) >= _LEAST_ELEMENTS
@@ -127,7 +127,7 @@ def _tables(array: Array, double: bool, view: View | None) -> PairTables:
     the width and height of the box in which the pair contributes. Each coordinate is the sum of two
     floats.
     """
-    copies = normal_form(array).lattice
+    copies = normal_form(array).copies
     assert copies is not None
     positions, element = copies.positions, element_tables(copies.element.shape, double)
     local, low = element.frame, positions.min(axis=0)

@@ -159,11 +159,11 @@ def _lattice(array: Array) -> tuple[Lattice, tuple[Profile, Profile], SourceElem
     The result is None for fewer than four elements, for elements that do not form a lattice, and if
     the weights are not separable.
     """
-    copies = normal_form(array).lattice
-    if copies is None or copies.sites is None or len(array) < _LEAST_ELEMENTS:
+    copies = normal_form(array).copies
+    if copies is None or copies.lattice is None or len(array) < _LEAST_ELEMENTS:
         return None
-    profiles = separated(copies.sites.weights)
-    return None if profiles is None else (copies.sites, profiles, copies.element)
+    profiles = separated(copies.lattice.weights)
+    return None if profiles is None else (copies.lattice, profiles, copies.element)
 
 
 def is_on_lattice(array: Array) -> bool:

@@ -20,7 +20,7 @@ from polywigner.geometry.arguments import (
 from polywigner.geometry.illumination import Illumination
 from polywigner.numerics import Complex, Floats
 from polywigner.propagation.point_grids import unit_vectors
-from polywigner.propagation.vector_fields import of_co_and_cross, of_currents
+from polywigner.propagation.vector_fields import far_field_of_currents, from_co_and_cross
 from polywigner.radiometry.directions import directions_and_weights
 from polywigner.source.obliquities import DEFAULT, DefaultCondition
 from polywigner.source.polarisation import MODELS, CurrentModel, checked_polarisation, ludwig_axes
@@ -232,7 +232,7 @@ def linear_components(pattern: Any, name: str) -> tuple[Floats, Floats, Complex,
             f"expected {name} to be a pattern of a polarised source over theta and phi, got "
             f"{type(pattern).__name__}; use read_pattern, or radiation_pattern(polarisation=...)"
         ) from None
-    return theta, phi, *of_co_and_cross(co, cross, jones), jones
+    return theta, phi, *from_co_and_cross(co, cross, jones), jones
 
 
 def polar_components(x: Complex, y: Complex, phi: Floats) -> tuple[Complex, Complex]:
@@ -368,7 +368,7 @@ def fit_pattern(
     if model == DEFAULT:
         unit = s[:, 2:] * np.einsum("j,jkn->nk", jones, np.array(ludwig_axes(*s.T)))
     else:
-        unit = of_currents(np.append(jones, 0.0), s, model)
+        unit = far_field_of_currents(np.append(jones, 0.0), s, model)
     vectors, strength = known.vectors(s), np.linalg.norm(unit, axis=1)
     along = (unit.conj() * vectors).sum(axis=1) / strength
     total, polarised = (

@@ -475,7 +475,7 @@ def cuts_in(pattern: Any) -> list[Cut]:
 
 
 def circles_through_beam(pattern: Any) -> list[Cut]:
-    """Interpolate a pattern along two great circles through its beam.
+    """Interpolate a pattern along two perpendicular great circles through its peak.
 
     Returns an empty list unless the pattern has a field over the hemisphere in even steps.
     """
