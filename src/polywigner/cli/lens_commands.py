@@ -158,7 +158,7 @@ def mtf(
     """Compute the modulation transfer function of a lens with a pupil, along x and y.
 
     Writes a figure NAME_mtf.png and a table NAME_mtf.csv up to the cutoff, in cycles/mm. In the
-    figure the pupil without aberrations is dashed, and frequencies of reversed contrast are marked.
+    figure, the MTF without aberrations is dashed, and frequencies of reversed contrast are marked.
     """
     options.check()
     series = options.series()
