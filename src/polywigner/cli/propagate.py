@@ -61,7 +61,7 @@ class FieldOptions(FieldSourceOptions):
         None
     )
     against: Annotated[Text, "Reference method (default: the last exact method)."] = None
-    accuracy: Annotated[float | None, "Relative error, such as 1e-3 (default: by method)."] = None
+    accuracy: Annotated[float | None, "Relative error: 1e-3 (default: depends on method)."] = None
     bandwidth: Annotated[Text, "Flat frequency band to average over, such as '4 GHz'."] = None
     edge: Annotated[Text, "Edges of obstacles: black, soft or hard (default: black)."] = None
     engine: Annotated[str, "auto, numpy, llvm or cuda."] = "auto"
@@ -93,7 +93,7 @@ class FieldOptions(FieldSourceOptions):
         return methods, (exact or list(methods))[-1]
 
     def arguments(self, obstacles: Sequence[Polyhedron | PlacedAperture]) -> dict[str, Any]:
-        """Return keyword arguments for functions such as :func:`polywigner.volume`."""
+        """Return the arguments of :func:`polywigner.volume` that are the same for all methods."""
         return {
             "bandwidth": None if self.bandwidth is None else parse_frequency(self.bandwidth),
             "tolerance": self.accuracy,
@@ -109,7 +109,7 @@ def propagate(
     arc: Annotated[Text, "Distance, azimuth and largest angle: '50 mm, 45 deg, 80 deg'."] = None,
     plane: Annotated[Text, "Two ranges, one value: '-3 mm to 3 mm, -3 mm to 3 mm, 9 mm'."] = None,
     hemisphere: Annotated[Text, "Radius of a hemisphere, such as '50 mm'."] = None,
-    samples: Annotated[Text, "'201' on lines and arcs, else '101 x 81' (default: enough)."] = None,
+    samples: Annotated[Text, "Samples: '201', on surfaces '101 x 81' (default: automatic)."] = None,
     field: FieldOptions,
     amplitude: Annotated[bool, "Complex fields with phases; not for wigner."] = False,
     floor_db: Annotated[
@@ -198,9 +198,9 @@ def volume(
 ) -> None:
     """Compute the irradiance of a source in a box, chunk by chunk, and draw it.
 
-    Writes NAME.zarr and a figure NAME.png, and with --netcdf the values also as NAME.nc. The same
-    command continues an interrupted run. The files of several methods are named NAME-METHOD.zarr
-    and so on.
+    Writes NAME.zarr and a figure NAME.png. With --netcdf, also writes the values as NAME.nc. The
+    same command continues an interrupted run. With several methods, the files of each method are
+    named NAME-METHOD.zarr and so on.
     """
     field.check()
     with at_key("--box"):
@@ -255,7 +255,8 @@ def volume(
 def print_differences(fields: Mapping[Any, xarray.DataArray], reference: str) -> None:
     """Print the largest and the rms level difference of each method from the reference, in dB.
 
-    Points 30 dB or more below the peak of the reference, and values of zero or below, are excluded.
+    Points more than 30 dB below the peak of the reference, and values of zero or below, are
+    excluded.
     """
     from polywigner.figures.levels import COMPARED_DB, summary
 
@@ -324,7 +325,7 @@ class Region(NamedTuple):
 
 
 def parse_region(texts: Mapping[str, str | None], samples: str | None) -> Region:
-    """Parse the only option that is not None: a line, an arc, a plane or a hemisphere."""
+    """Parse the option for a region; raise ArgumentError unless exactly one is not None."""
     regions = {name: text for name, text in texts.items() if text is not None}
     if len(regions) != 1:
         got = " and ".join(f"--{name}" for name in regions) or "none"
@@ -361,7 +362,7 @@ def parse_region(texts: Mapping[str, str | None], samples: str | None) -> Region
 
 
 def _parse_arc(text: str, shape: tuple[int, ...]) -> Region:
-    """Parse "DISTANCE, AZIMUTH, LARGEST ANGLE" into a region; the angles are optional."""
+    """Parse "DISTANCE, AZIMUTH, LARGEST ANGLE"; the angles are 0 and 80 degrees by default."""
     distance, *angles = _split_and_strip(text, ",")
     if len(angles) > 2:
         raise QuantityError(

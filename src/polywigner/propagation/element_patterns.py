@@ -20,7 +20,7 @@ from polywigner.geometry.arguments import (
 from polywigner.geometry.illumination import Illumination
 from polywigner.numerics import Complex, Floats, index_blocks
 from polywigner.propagation.point_grids import unit_vectors
-from polywigner.propagation.vector_fields import of_co_and_cross, of_currents
+from polywigner.propagation.vector_fields import far_field_of_currents, from_co_and_cross
 from polywigner.radiometry.directions import directions_and_weights
 from polywigner.source.obliquities import DEFAULT, DefaultCondition
 from polywigner.source.polarisation import MODELS, CurrentModel, checked_polarisation, ludwig_axes
@@ -51,7 +51,8 @@ class ElementPattern:
     """Far field of an antenna, interpolated over evenly spaced angles theta and phi.
 
     The interpolant is a trigonometric polynomial along phi, and along theta if the table covers the
-    sphere. Otherwise, the interpolation along theta uses polynomials of degree 11.
+    sphere. Otherwise, the interpolation along theta uses polynomials of degree 11. |E|^2 is in
+    W/sr.
     """
 
     def __init__(self, theta: Floats, phi: Floats, components: tuple[Complex, Complex]) -> None:
@@ -150,7 +151,7 @@ class ElementPattern:
         """Return the radiated power in W of the antenna, or of an array of such antennas.
 
         ``factor`` returns the array factor in given directions. ``lag`` is 2 pi times the array
-        size in wavelengths.
+        size in wavelengths. Backward radiation is included if the table covers the sphere.
         """
         polar, azimuthal = self.band
         node, weight = np.polynomial.legendre.leggauss(math.ceil(lag / 2) + polar + _MARGIN)
@@ -194,7 +195,10 @@ class ElementPattern:
 
 
 def _cartesian(theta: Floats, phi: Floats, polar: Complex, azimuthal: Complex) -> Complex:
-    """Return vectors (..., 3) with the components E_theta and E_phi at angles in rad."""
+    """Return vectors (..., 3) with the components E_theta and E_phi at angles in rad.
+
+    All arguments broadcast against each other.
+    """
     x, y = polar_components(np.cos(theta) * polar, azimuthal, -phi)
     return np.stack([x, y, -np.sin(theta) * polar], axis=-1)
 
@@ -228,7 +232,7 @@ def linear_components(pattern: Any, name: str) -> tuple[Floats, Floats, Complex,
             f"expected {name} to be a pattern of a polarised source over theta and phi, got "
             f"{type(pattern).__name__}; use read_pattern, or radiation_pattern(polarisation=...)"
         ) from None
-    return theta, phi, *of_co_and_cross(co, cross, jones), jones
+    return theta, phi, *from_co_and_cross(co, cross, jones), jones
 
 
 def polar_components(x: Complex, y: Complex, phi: Floats) -> tuple[Complex, Complex]:
@@ -364,7 +368,7 @@ def fit_pattern(
     if model == DEFAULT:
         unit = s[:, 2:] * np.einsum("j,jkn->nk", jones, np.array(ludwig_axes(*s.T)))
     else:
-        unit = of_currents(np.append(jones, 0.0), s, model)
+        unit = far_field_of_currents(np.append(jones, 0.0), s, model)
     vectors, strength = known.vectors(s), np.linalg.norm(unit, axis=1)
     along = (unit.conj() * vectors).sum(axis=1) / strength
     total, polarised = (

@@ -153,7 +153,10 @@ def _slope_spectrum(wave: Wavefront, sines: list[Floats], wavelength: float) -> 
 def _fitted(
     spectrum: Complex, sines: list[Floats], nodes: tuple[Floats, Floats], error: float
 ) -> Complex | None:
-    """Fit weights (nx, ny) of point sources to a far field; return None for too large an error."""
+    """Fit weights (nx, ny) of point sources to a far field, or return None.
+
+    The error of the squared far field must not exceed ``error`` times its peak.
+    """
     waves = [np.exp(-2j * math.pi * np.outer(s, x)) for s, x in zip(sines, nodes, strict=True)]
     first, second = (np.linalg.pinv(wave, rcond=_ROUNDING) for wave in waves)
     weights = first @ spectrum @ second.T
@@ -216,7 +219,7 @@ def wave_ahead(ops: Any, ahead: Point, field: Point, slope: Point, cycles: Any =
 
 
 def dipole_obliquity(ops: Any, ahead: Point) -> Pair:
-    """Return the ratio of the wave of a dipole along z to a spherical wave."""
+    """Return the ratio (1 + i/(2 pi R)) z/R of the wave of a dipole along z to a spherical wave."""
     inverse = 1.0 / ops.sqrt(sum(a * a for a in ahead))
     return Pair(1.0, (0.5 / math.pi) * inverse).scaled(ahead[2] * inverse)
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner import execution, kernels
 from polywigner.errors import ArgumentError, IlluminationError, value_text
 from polywigner.execution import Differentiable, Engine, Precision
-from polywigner.geometry import Aperture, Slits
+from polywigner.geometry import Aperture, Slits, Wavefront
 from polywigner.geometry.arguments import (
     checked_length,
     checked_number,
@@ -100,7 +100,7 @@ def otf(
     ndarray of complex, shape (...)
         Dimensionless values of the OTF, with a value of 1 at zero lag. DataArrays are supported as
         in :func:`fourier`. For a :func:`differentiable` pupil, and for an aberration with Dr.Jit
-        coefficients, the result is a Dr.Jit ``Complex2f`` with n entries and derivatives.
+        coefficients, the result is a Dr.Jit ``Complex2f`` with derivatives and one entry per lag.
 
     Raises
     ------
@@ -171,7 +171,10 @@ def _otf_jets(
 def energy_jets(
     source: Any, pupil: AberratedPupil | None, numbers: PupilNumbers, tolerance: float
 ) -> Jets:
-    """Return the integral of |u|^2 over a pupil and its derivatives, shape (1, 1 + m)."""
+    """Return the integral of |u|^2 over a pupil and its derivatives, shape (1, 1 + m).
+
+    ``pupil``: aberrated pupil; None if there is neither an aberration nor a derivative.
+    """
     energy = checked_energy(source)
     if pupil is None or not numbers.arrays:
         return np.full((1, 1), energy, np.complex128)
@@ -317,10 +320,10 @@ def checked_waves(defocus: float) -> float:
     return checked_number(defocus, "defocus", "a finite defocus in waves")
 
 
-def checked_pupil_radius(source: PhaseSpaceSource, given: Any) -> float:
+def checked_pupil_radius(source: PhaseSpaceSource, pupil_radius: Any) -> float:
     """Return the radius of a pupil, by default the largest distance of a vertex from the origin."""
-    if given is not None:
-        return checked_length(given, "pupil_radius")
+    if pupil_radius is not None:
+        return checked_length(pupil_radius, "pupil_radius")
     points: list[Floats] = []
     for element in flat_source(source).elements_in_plane:
         is_slits = isinstance(element, Slits)
@@ -458,7 +461,7 @@ def wavefront_error(source: Aperture | Array, aberration: Aberration | None = No
     """Compute the rms deviation of the path length over a pupil from its mean value, in metres.
 
     The averages over the pupil are weighted with |u|^2, where u is the field in the pupil. Pistons
-    and tilts of :func:`segmented_pupil` are included.
+    and tilts of :func:`segmented_pupil` are included; phases of other illuminations are not.
 
     Parameters
     ----------
@@ -475,7 +478,7 @@ def wavefront_error(source: Aperture | Array, aberration: Aberration | None = No
     Raises
     ------
     ArgumentError
-        For arguments of the wrong type.
+        For arguments of the wrong type, such as a Wavefront.
     IlluminationError
         If the fields of an Array cancel everywhere.
 
@@ -488,6 +491,10 @@ def wavefront_error(source: Aperture | Array, aberration: Aberration | None = No
     10.0
     """
     checked_aberration(aberration, 1.0)
+    if isinstance(source, Wavefront):
+        raise ArgumentError(
+            "expected an Aperture or an Array, got a Wavefront; pass its path as an aberration"
+        )
     checked_energy(source)
     pupil = AberratedPupil.of(source, aberration, 1.0, 0.0)
     paths = normal_form(source).paths
