@@ -255,8 +255,7 @@ def normals_of(corners: Vertices) -> Vertices:
 
 def axes_across(direction: Vertices) -> Vertices:
     """Return the image axes (..., 2, 3) seen along ``direction``, perpendicular unit vectors."""
-    first = np.cross(direction, np.eye(3)[np.abs(direction).argmin(axis=-1)])
-    first /= np.linalg.norm(first, axis=-1, keepdims=True)
+    first = _unit(np.cross(direction, np.eye(3)[np.abs(direction).argmin(axis=-1)]))
     return np.stack([first, np.cross(first, direction)], axis=-2)
 
 
