@@ -34,10 +34,11 @@ from polywigner.numerics import phases
 # Largest number of cached functions, and largest number of recordings of each function. Arguments
 # with a single entry require a separate recording.
 _MOST, _MOST_RECORDINGS = 64, 8
-# Samples per chunk. Launching a kernel takes little time compared with such a chunk. The arguments
-# of a chunk take some 5 MB. With larger chunks, the C library returns their memory to the system
-# after each chunk, and new memory takes half as long as a kernel with four edges.
-CHUNK = 1 << 17
+# Samples per chunk, if samples are sorted by cell and for edges as code. Launching a kernel takes
+# little time compared with such a chunk. The arguments of a chunk take some 10 MB and 5 MB. Sorted
+# chunks are larger because each cell then contains more samples. If code used such chunks, the C
+# library would return their memory to the system, and new memory would take a third of the time.
+CHUNK, _CHUNK_OF_CODE = 1 << 18, 1 << 17
 
 Array = npt.NDArray[Any]
 Values = tuple[Any, ...]
@@ -167,7 +168,7 @@ class OnDrjit:
         run: Callable[..., tuple[Any, ...]] = self._traced
         if self.is_code and not prevents_recording(kind):
             run = frozen(self._traced, (self.kernel, self.tables), kind)
-        for arguments, targets in parts_of_results(components, results, CHUNK):
+        for arguments, targets in parts_of_results(components, results, _CHUNK_OF_CODE):
             yield (
                 targets,
                 ...,
