@@ -296,12 +296,12 @@ def test_a_pattern_is_a_table_of_sections(body: Any, bounces: int) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((3.0, (0, 0, 1), 0.1), "expected a body"),
+        ((3.0, (0, 0, 1), 0.1), "bodies and plates to be Polyhedra"),
         (([], (0, 0, 1), 0.1), "empty list"),
         (([BOX, pw.Slits([(0, 1)])], (0, 0, 1), 0.1), "got Slits"),
-        ((pw.Array([BOX, BOX], [1, -1]), (0, 0, 1), 0.1), "weights are all 1"),
+        ((pw.Array([BOX, BOX], [1, -1]), (0, 0, 1), 0.1), "bodies without weights"),
         ((pw.shapes.square(1).with_illumination(pw.steering((0.1, 0), 0.1)), (0, 0, 1), 0.1),
-         "must not have an illumination"),
+         "plates without illuminations"),
         ((BOX, (0, 0, 2), 0.1), "of length 2"),
         ((BOX, (0, 1), 0.1), "unit vectors"),
         ((BOX, (0, 0, math.nan), 0.1), "unit vectors"),

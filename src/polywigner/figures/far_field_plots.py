@@ -92,10 +92,6 @@ def draw_pattern(
         ``figure`` has another type.
     """
     check_floor(floor_db)
-    if metrics is not None and not isinstance(metrics, BeamMetrics):
-        raise ArgumentError(
-            f"expected metrics to be the result of beam_metrics, got {type(metrics).__name__}"
-        )
     theta, phi, levels, _ = checked_pattern(pattern)
     chosen = _panel_names(panels, len(phi))
     lines, beam = _drawn_cuts(pattern, cuts, metrics)

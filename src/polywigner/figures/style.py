@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeAlias, TypeVar
 
 import numpy as np
 
-from polywigner.errors import ArgumentError
+from polywigner.geometry.arguments import checked_type
 from polywigner.geometry.parts import polygons_in
 from polywigner.geometry.rings import draw_rings, rings_of_polygon
 from polywigner.quantities import LengthUnit
@@ -163,11 +163,9 @@ def figure_on(figure: Any, width: float, height: float, title: str, **layout: An
 
     if figure is None:
         figure = new_figure(width, height, **layout)
-    if not isinstance(figure, FigureBase):
-        raise ArgumentError(
-            f"expected figure to be a matplotlib Figure or SubFigure, got {type(figure).__name__}; "
-            "pass a figure instead of axes, because several panels are drawn"
-        )
+    advice = "pass a figure instead of axes, because several panels are drawn"
+    expected = "figure to be a matplotlib Figure or SubFigure"
+    checked_type(figure, expected, FigureBase, advice=advice)
     if isinstance(figure, Figure) and figure.get_layout_engine() is None and not figure.axes:
         figure.set_layout_engine("constrained")
     if title or not figure.get_suptitle():
@@ -187,11 +185,8 @@ def axes_on(ax: Any, width: float, height: float) -> tuple[Axes, Axes | Figure]:
     if ax is None:
         figure = new_figure(width, height)
         return figure.add_subplot(), figure
-    if not isinstance(ax, Axes):
-        raise ArgumentError(
-            f"expected ax to be matplotlib Axes, got {type(ax).__name__}; create axes with "
-            "matplotlib.pyplot.subplots()"
-        )
+    advice = "create axes with matplotlib.pyplot.subplots()"
+    checked_type(ax, "ax to be matplotlib Axes", Axes, advice=advice)
     return ax, ax
 
 

@@ -17,6 +17,7 @@ from polywigner.geometry.arguments import (
     checked_choice,
     checked_count,
     checked_flag,
+    checked_type,
     checked_vectors,
     checked_wavelength,
 )
@@ -236,10 +237,7 @@ def draw_transforms(
         If the floor is not below 0 dB, or ``figure`` has another type.
     """
     check_floor(floor_db)
-    if not isinstance(slices, TransformSlices):
-        raise ArgumentError(
-            f"expected slices to be the result of transform_slices, got {type(slices).__name__}"
-        )
+    checked_type(slices, "slices to be the result of transform_slices", TransformSlices)
     unit = length_unit(slices.aperture.diameter)
     is_cropped = slices.frequency[-1] * (slices.wavelength or 0.0) < 0.5
     note = "" if is_cropped else ", dotted circle: |ν| = 1/λ"

@@ -274,6 +274,14 @@ def checked_choice(value: Any, name: str, choices: Collection[str]) -> str:
     return value
 
 
+def checked_type(value: Any, expected: str, *kinds: Any, advice: str = "") -> Any:
+    """Return a value of one of the given types; raise ArgumentError for other values."""
+    if not isinstance(value, kinds):
+        got = f"got {type(value).__name__}{advice and f'; {advice}'}"
+        raise ArgumentError(f"expected {expected}, {got}")
+    return value
+
+
 def check_options(options: Collection[str], known: type) -> None:
     """Raise ArgumentError unless all option names are keys of the TypedDict ``known``."""
     names = known.__annotations__

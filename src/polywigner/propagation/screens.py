@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError, value_text
 from polywigner.execution import NumpyOperations
 from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import checked_choice, finite_array
+from polywigner.geometry.arguments import checked_choice, checked_type, finite_array
 from polywigner.kernels.boundary.edge_waves import EdgeRule, angle_about, edge_wave
 from polywigner.numerics import Complex, Floats
 from polywigner.numerics.chirps import waves_of_cycles
@@ -220,12 +220,8 @@ class Screen:
                 "expected the outline of a screen as an Aperture without an illumination, got "
                 f"{self.outline!r:.80}"
             )
-        if not isinstance(self.illuminated_by, (PointSource, PlaneWave)):
-            raise ArgumentError(
-                "expected illuminated_by to be a PointSource or a PlaneWave, got "
-                f"{type(self.illuminated_by).__name__}"
-            )
-        light = self.illuminated_by
+        expected = "illuminated_by to be a PointSource or a PlaneWave"
+        light = checked_type(self.illuminated_by, expected, PointSource, PlaneWave)
         if isinstance(light, PointSource) and not light.position[2] < 0:
             raise ArgumentError(
                 "the point source must lie in front of the screen, at z < 0, got the position "

@@ -15,9 +15,10 @@ from polywigner.geometry.arguments import (
     checked_choice,
     checked_length,
     checked_number,
+    checked_type,
     checked_wavelength,
     takes_frequency,
-)  # fmt: skip
+)
 from polywigner.geometry.rings import sides_of
 from polywigner.numerics import Floats
 from polywigner.propagation.point_grids import box_grid, line_grid, unit_vectors
@@ -235,11 +236,8 @@ def suggest_sampling(
 
 def _phase_space_bands(source: Any, wavelength: Any, quantity: str, reach: Any) -> list[Band]:
     """Return the axes of F, |F|^2, W or A."""
-    if not isinstance(source, Aperture | Slits | Array):
-        raise ArgumentError(
-            "expected an Aperture, Slits, or an Array of either in one plane, got "
-            f"{type(source).__name__}"
-        )
+    expected = "an Aperture, Slits, or an Array of either in one plane"
+    checked_type(source, expected, Aperture, Slits, Array)
     if reach is not None:
         most = checked_length(reach, "reach")
     elif wavelength is None:

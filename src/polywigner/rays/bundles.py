@@ -26,6 +26,7 @@ from polywigner.geometry.arguments import (
 )
 from polywigner.geometry.io.limits import check_regular
 from polywigner.numerics import Floats
+from polywigner.transforms.xarray_arguments import arrays_of
 
 if TYPE_CHECKING:
     import xarray
@@ -119,22 +120,8 @@ def checked_bundle(rays: Any) -> tuple[Floats, Floats, Floats, NDArray[Any] | No
     contain NaN. Raises ArgumentError for other datasets, and for directions that are not unit
     vectors.
     """
-    import xarray
-
-    if not isinstance(rays, xarray.Dataset) or not set(_VARIABLES) <= set(rays.variables):
-        raise ArgumentError(
-            "expected rays to be a dataset with position, direction and weight, got "
-            f"{type(rays).__name__}; create it with sample_rays or rays.load"
-        )
-    axes, variables = ("ray", "component"), [rays[name] for name in _VARIABLES]
-    try:
-        arrays = [variable.transpose(*axes[: variable.ndim]).values for variable in variables]
-    except ValueError:
-        got = ", ".join(f"{variable.name} with {variable.dims}" for variable in variables)
-        raise ArgumentError(
-            "the dataset of rays must have position and direction with axes (ray, component), "
-            f"and weight with axis (ray); got {got}"
-        ) from None
+    axes = dict(zip(_VARIABLES, ("ray component", "ray component", "ray"), strict=True))
+    arrays = arrays_of(rays, axes, "polywigner.sample_rays or polywigner.rays.load")
     batch = rays["batch"].values if "batch" in rays.coords else None
     return *_columns(len(arrays[2]), *arrays), batch
 

@@ -19,6 +19,7 @@ from polywigner.geometry.arguments import (
     checked_length,
     checked_number,
     checked_path,
+    checked_type,
     finite_array,
     takes_frequency,
 )
@@ -495,8 +496,7 @@ def read_elements(
     >>> pw.arrays.read_elements(path, pw.shapes.square(1e-3)).weights.round(3)
     array([1. +0.j , 0. +0.5j])
     """
-    if not isinstance(element, Aperture):
-        raise ArgumentError(f"expected an Aperture as the element, got {type(element).__name__}")
+    checked_type(element, "an Aperture as the element", Aperture)
     file, metres = checked_path(path), parse_unit(unit)
     with at_key(str(file)):
         table = _table_columns(text_of(bytes_of(file)))

@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from polywigner import quantities
 from polywigner.errors import ArgumentError, FileFormatError, QuantityError, at_key, value_text
-from polywigner.geometry import Aperture, shapes
+from polywigner.geometry import Aperture, Slits, Wavefront, shapes
+from polywigner.geometry.arguments import checked_type
 from polywigner.geometry.illumination import Illumination
 from polywigner.source import arrays, tapers
 from polywigner.source.array import Array, phased_array, repeated_element
@@ -279,12 +280,10 @@ def apply_texts(source: Any, texts: Mapping[str, str], wavelength: float | None)
 
 def _with_text(source: Any, name: str, texts: Mapping[str, str], wavelength: float | None) -> Any:
     """Return a source to which the short string ``texts[name]`` is applied."""
-    text, got = texts[name], type(source).__name__
+    text = texts[name]
     if name in ("curved", "coherence"):
-        if not hasattr(source, "curved"):
-            raise ArgumentError(
-                f"expected an aperture, slits or an array for this option, got {got}"
-            )
+        expected = "an aperture, slits or an array for this option"
+        checked_type(source, expected, Aperture, Slits, Array, Wavefront)
         if name == "coherence":
             return source.partially_coherent(quantities.parse_length(text))
         low, high = np.reshape(source.bounds, (2, -1))
@@ -292,8 +291,7 @@ def _with_text(source: Any, name: str, texts: Mapping[str, str], wavelength: flo
         return source.curved(radii, required_wavelength(wavelength), (low + high) / 2)
     table = _table_of_text(name, text)
     if name in ("taper", "array"):
-        if not isinstance(source, Aperture):
-            raise ArgumentError(f"expected an aperture for this option, got {got}")
+        checked_type(source, "an aperture for this option", Aperture)
         if name == "taper":
             return _tapered(source, table)
         return phased_array(source, called(converted(table, LayoutTable, strict=False)))
@@ -301,8 +299,9 @@ def _with_text(source: Any, name: str, texts: Mapping[str, str], wavelength: flo
         return _with_factor(source, called(converted(table, FieldTable), wavelength, dimension=2))
     if not isinstance(source, Array) or source.repeated is None:
         raise ArgumentError(
-            f"expected an array of identical elements with a flat wave, got {got}; specify array "
-            "as well, or define the array in the source file"
+            "expected an array of identical elements with a flat wave, got "
+            f"{type(source).__name__}; specify array as well, or define the array in the source "
+            "file"
         )
     layout = None
     if "array" in texts:

@@ -24,6 +24,7 @@ from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import (
     checked_array,
     checked_length,
+    checked_type,
     checked_wavelength,
     complex_array,
     finite_array,
@@ -424,10 +425,7 @@ def _check_orders(count: float, size: int) -> None:
 
 def _check_overlaps(mask: Aperture | Array, lattice: Floats) -> None:
     """Raise GeometryError if elements of a periodic mask overlap, also those of other periods."""
-    if not isinstance(mask, Aperture | Array):
-        raise ArgumentError(
-            f"expected mask to be an Aperture, or an Array of apertures, got {type(mask).__name__}"
-        )
+    checked_type(mask, "mask to be an Aperture, or an Array of apertures", Aperture, Array)
     elements = np.array([element.polygons for element in mask.elements_in_plane], object)
     low, high = np.reshape(shapely.total_bounds(elements), (2, 2))
     size = high - low

@@ -6,6 +6,7 @@ Each projection, called a tile, has a closed form, which a table at the end of t
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from types import NoneType
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, checked_engine
 from polywigner.geometry import Slits, Wavefront
-from polywigner.geometry.arguments import checked_choice, checked_count, finite_array
+from polywigner.geometry.arguments import checked_choice, checked_count, checked_type, finite_array
 from polywigner.geometry.rings import sides_of
 from polywigner.kernels import kernel_for
 from polywigner.numerics import Floats
@@ -191,8 +192,7 @@ def _requested_tiles(available: Mapping[str, Tile], names: Iterable[str] | None)
 
     Raises ArgumentError for unknown names.
     """
-    if not isinstance(names, Iterable | None):
-        raise ArgumentError(f"expected tiles to be a list of names, got {type(names).__name__}")
+    checked_type(names, "tiles to be a list of names", Iterable, NoneType)
     requested = [names] if isinstance(names, str) else list(available if names is None else names)
     return [checked_choice(name, "each of the tiles", available) for name in requested]
 
@@ -210,11 +210,8 @@ def _coordinate_values(
     names = dict.fromkeys(name for tile in tiles.values() for name in (tile.first, tile.second))
     count = checked_count(samples, "samples", 2, LARGEST_SAMPLES)
     requested = {} if coordinates is None else coordinates
-    if not isinstance(requested, Mapping):
-        raise ArgumentError(
-            "expected coordinates to be a mapping from names of coordinates to values, got "
-            f"{type(requested).__name__}"
-        )
+    expected = "coordinates to be a mapping from names of coordinates to values"
+    checked_type(requested, expected, Mapping)
     for name in requested:
         checked_choice(name, "each of the coordinates", names)
     low, widths = np.reshape(source.bounds, (2, -1))[0], sides_of(source.bounds).tolist()
