@@ -348,6 +348,18 @@ def checked_count(value: Any, name: str, least: int, most: int = _LARGEST_COUNT)
     return int(value)
 
 
+def check_most(
+    count: float,
+    most: float,
+    things: str,
+    remedy: str,
+    error: type[PolywignerError] = ArgumentError,
+) -> None:
+    """Raise an error if the number of ``things`` is NaN or exceeds ``most``."""
+    if not count <= most:
+        raise error(f"expected at most {most:.7g} {things}, got {count:.7g}; {remedy}")
+
+
 def checked_path(path: Any) -> Path:
     """Return a path, which need not exist, as an absolute path.
 

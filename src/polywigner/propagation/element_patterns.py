@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import (
+    check_most,
     checked_choice,
     checked_number,
     checked_wavelength,
@@ -60,11 +61,9 @@ class ElementPattern:
         ``theta`` (n,) extends from 0 to pi/2 or pi, and ``phi`` (m,) around the full circle, in
         rad.
         """
-        if len(theta) > MOST_THETA or len(phi) > MOST_PHI:
-            raise ArgumentError(
-                f"expected at most {MOST_THETA} theta angles and {MOST_PHI} phi angles, got "
-                f"{len(theta)} and {len(phi)}; use every second or third angle"
-            )
+        remedy = "use every second or third angle"
+        check_most(len(theta), MOST_THETA, "theta angles", remedy)
+        check_most(len(phi), MOST_PHI, "phi angles", remedy)
         if not covers_front(theta, phi):
             raise ArgumentError(
                 "expected evenly spaced theta angles from 0 to 90 or 180 degrees, and phi around "
@@ -403,12 +402,8 @@ def _fit_waves(aperture: Aperture, wavelength: float) -> Floats:
     extents = np.array([x1 - x0, y1 - y0])
     limits = 1 / wavelength + 1 / extents
     counts = np.floor(_PERIODS * extents * limits)
-    if np.prod(2 * counts + 1) > 2 * _MOST_WAVES:
-        raise GeometryError(
-            "the aperture of a fit must be at most about 12 wavelengths wide, got "
-            f"{extents[0] / wavelength:.3g} by {extents[1] / wavelength:.3g} wavelengths; use a "
-            "smaller outline"
-        )
+    remedy = "use an outline up to about 12 wavelengths wide"
+    check_most(np.prod(2 * counts + 1), 2 * _MOST_WAVES, "waves in a fit", remedy, GeometryError)
     steps = [np.arange(-n, n + 1) / (_PERIODS * e) for n, e in zip(counts, extents, strict=True)]
     waves = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 2)
     return waves[np.hypot(*(waves / limits).T) <= 1 + 1e-9]

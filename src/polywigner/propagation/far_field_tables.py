@@ -13,7 +13,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.io.limits import LARGEST_NUMBER, check_most, token
+from polywigner.geometry.arguments import check_most
+from polywigner.geometry.io.limits import LARGEST_NUMBER, token
 from polywigner.numerics import Complex, Floats
 from polywigner.propagation.element_patterns import polar_components
 from polywigner.quantities import parse_frequency

@@ -13,13 +13,14 @@ import numpy as np
 
 from polywigner.errors import ArgumentError, FileFormatError, PolywignerError
 from polywigner.geometry.arguments import (
+    check_most,
     checked_choice,
     checked_length,
     checked_path,
     warn_caller,
     write_lines,
 )
-from polywigner.geometry.io.limits import bytes_of, check_most, text_of
+from polywigner.geometry.io.limits import bytes_of, text_of
 from polywigner.propagation.beams import checked_efficiency
 from polywigner.propagation.element_patterns import (
     ElementPattern,

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError, value_text
 from polywigner.geometry import Aperture, Slits, Wavefront
 from polywigner.geometry.arguments import (
+    check_most,
     checked_choice,
     checked_length,
     checked_number,
@@ -277,11 +278,8 @@ def _axis(band: Band, oversampling: float) -> AxisSampling:
     """Return the evenly spaced axis of a band; raise ArgumentError for too many samples."""
     name, unit, low, high, nyquist, band_limited = band
     steps = (high - low) / nyquist * oversampling if nyquist > 0 else math.inf
-    if not steps < _MOST_SAMPLES:
-        raise ArgumentError(
-            f"the axis {name} would need {steps:.3g} samples, more than {_MOST_SAMPLES}; check "
-            "the units of the wavelength and of the positions"
-        )
+    remedy = "check the units of the wavelength and of the positions"
+    check_most(steps, _MOST_SAMPLES, f"samples along the axis {name}", remedy)
     count = 1 if high == low else max(1, math.ceil(steps * (1 - 1e-12))) + 1
     if low == -high and count % 2 == 0:
         count += 1

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, FileFormatError, at_key
 from polywigner.geometry.arguments import (
+    check_most,
     checked_count,
     checked_flag,
     checked_number,
@@ -312,10 +313,7 @@ def _pixel_edges(bounds: Any, shape: Any) -> tuple[Floats, Floats]:
     if not isinstance(shape, (tuple, list)) or len(shape) != 2:
         raise ArgumentError(f"expected shape to be two integers, (nx, ny) in pixels, got {shape!r}")
     nx, ny = (checked_count(n, "shape", 1, _MOST_ALONG_AXIS) for n in shape)
-    if nx * ny > _MOST_PIXELS:
-        raise ArgumentError(
-            f"expected at most {_MOST_PIXELS} pixels, got {nx} x {ny}; use fewer pixels"
-        )
+    check_most(nx * ny, _MOST_PIXELS, "pixels", "use fewer pixels")
     return np.linspace(row[0], row[2], nx + 1), np.linspace(row[1], row[3], ny + 1)
 
 

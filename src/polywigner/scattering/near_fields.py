@@ -18,7 +18,13 @@ from shapely.errors import GEOSException
 
 from polywigner.errors import ArgumentError, GeometryError, value_text
 from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import checked_choice, real_array, rigid_poses, warn_caller
+from polywigner.geometry.arguments import (
+    check_most,
+    checked_choice,
+    real_array,
+    rigid_poses,
+    warn_caller,
+)
 from polywigner.numerics import Complex, Floats
 from polywigner.propagation import amplitude_with_error, field
 from polywigner.propagation.boundary import Radiator, boundary_field, cosines_of, radiator_of
@@ -445,11 +451,9 @@ def _divided(pieces: Pieces, transmitter: Antenna, receiver: Antenna, tolerance:
         done.append(pieces.taken(np.flatnonzero(~coarse)))
         pieces = pieces.taken(np.flatnonzero(coarse))
         count += len(done[-1])
-        if count + 4 * len(pieces) > _MOST:
-            raise ArgumentError(
-                f"the illuminated parts of the body require more than {_MOST:g} pieces with plane "
-                "waves; use a larger tolerance, or move the source away from the body"
-            )
+        things = "pieces of the illuminated parts of the body with plane waves"
+        remedy = "use a larger tolerance, or move the source away from the body"
+        check_most(count + 4 * len(pieces), _MOST, things, remedy)
         pieces = _quartered(pieces)
     columns = zip(*(vars(part).values() for part in done), strict=True)
     return Pieces(*map(np.concatenate, columns))

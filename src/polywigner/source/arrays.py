@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError, FileFormatError, at_key, require, value_text
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import (
+    check_most,
     checked_choice,
     checked_count,
     checked_length,
@@ -112,7 +113,7 @@ def _lattice_positions(
     ``stretch``: default of ``pitch_y``, as a multiple of ``pitch_x``.
     """
     columns, rows = checked_count(nx, "nx", 1), checked_count(ny, "ny", 1)
-    _check_element_count(columns * rows)
+    check_most(columns * rows, MOST_ELEMENTS, "elements", "use fewer elements")
     across = checked_length(pitch_x, "pitch_x")
     up = across * stretch if pitch_y is None else checked_length(pitch_y, "pitch_y")
     side = 2 * (np.arange(rows) % 2) - 1 if is_staggered and rows > 1 else np.zeros(rows, np.int64)
@@ -148,7 +149,7 @@ def ring_positions(radii: ArrayLike, counts: ArrayLike) -> Floats:
         raise ArgumentError(
             f"expected as many radii as counts, got {len(sizes)} radii and {len(numbers)} counts"
         )
-    _check_element_count(sum(numbers))
+    check_most(sum(numbers), MOST_ELEMENTS, "elements", "use fewer elements")
     if any(size == 0 and number > 1 for size, number in zip(sizes, numbers, strict=True)):
         raise ArgumentError(
             "expected at most one element at radius 0, got several; use the count 1"
@@ -220,12 +221,6 @@ def _as_list(values: Any) -> list[Any]:
     return list(values) if np.iterable(values) else [values]
 
 
-def _check_element_count(elements: int) -> None:
-    """Raise ArgumentError for more than 2^20 elements."""
-    if elements > MOST_ELEMENTS:
-        raise ArgumentError(f"expected at most {MOST_ELEMENTS} elements, got {elements}")
-
-
 def _centred_steps(count: int) -> NDArray[np.int64]:
     """Return the positions -(n - 1), -(n - 3), ..., n - 1 of n elements, in half pitches."""
     return 2 * np.arange(count) - (count - 1)
@@ -282,7 +277,7 @@ def virtual_array(
             "expected transmit and receive positions with the same number of components, got "
             f"{sent.shape[1]} and {received.shape[1]}"
         )
-    _check_element_count(len(sent) * len(received))
+    check_most(len(sent) * len(received), MOST_ELEMENTS, "elements", "use fewer elements")
     v = checked_weights(transmit_weights, len(sent))
     w = checked_weights(receive_weights, len(received))
     positions = (sent[:, None] + received).reshape(-1, sent.shape[1])
@@ -419,7 +414,8 @@ def window_weights(
             f"{value_text(window)}"
         )
     decibels, zeros = checked_sidelobes(sll, nbar)
-    _check_element_count(math.prod(checked_count(n, "shape", 1) for n in sizes))
+    elements = math.prod(checked_count(n, "shape", 1) for n in sizes)
+    check_most(elements, MOST_ELEMENTS, "elements", "use fewer elements")
     along = [_window(n, name, decibels, zeros) for n, name in zip(sizes, names, strict=True)]
     weights = along[0] if len(along) == 1 else np.multiply.outer(*along).ravel()
     # For a small sll (1 dB), the Taylor weight of largest magnitude may be negative.

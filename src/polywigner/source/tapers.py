@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError, value_text
 from polywigner.geometry.arguments import (
+    check_most,
     checked_choice,
     checked_count,
     checked_length,
@@ -483,11 +484,7 @@ def fit_illumination(
         kappa = _default_frequencies(high - low, checked_count(order, "order", 0), len(positions))
     else:
         kappa = _distinct_frequencies(frequencies, positions.shape[1])
-    if len(kappa) > _MOST_WAVES:
-        raise ArgumentError(
-            f"expected at most {_MOST_WAVES} waves, got {len(kappa)}; pass fewer frequencies, "
-            "or a lower order"
-        )
+    check_most(len(kappa), _MOST_WAVES, "waves", "pass fewer frequencies, or a lower order")
     waves = np.exp(2j * np.pi * ((positions - centre) @ kappa.T))
     amplitudes, _, rank, _ = np.linalg.lstsq(waves, field, rcond=least)
     size = float(np.linalg.norm(field))

@@ -15,7 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, checked_engine
 from polywigner.geometry import Slits, Wavefront
-from polywigner.geometry.arguments import checked_choice, checked_count, checked_type, finite_array
+from polywigner.geometry.arguments import (
+    check_most,
+    checked_choice,
+    checked_count,
+    checked_type,
+    finite_array,
+)
 from polywigner.geometry.rings import sides_of
 from polywigner.kernels import kernel_for
 from polywigner.numerics import Floats
@@ -236,11 +242,7 @@ def _checked_values(name: str, values: ArrayLike) -> Floats:
     Raises ArgumentError for other values.
     """
     array = finite_array(values, f"expected {name} to be finite numbers of shape (n,)", (None,))
-    if len(array) > LARGEST_SAMPLES:
-        raise ArgumentError(
-            f"expected up to {LARGEST_SAMPLES} values of {name}, got {len(array)}; compute "
-            "several datasets"
-        )
+    check_most(len(array), LARGEST_SAMPLES, f"values of {name}", "compute several datasets")
     return array
 
 

@@ -26,12 +26,6 @@ MOST_FACES = 200_000
 LARGEST_NUMBER = 1e100
 
 
-def check_most(count: int, most: int, things: str, remedy: str = "simplify the drawing") -> None:
-    """Raise FileFormatError if a file contains more than `most` things."""
-    if count > most:
-        raise FileFormatError(f"expected at most {most} {things}, got {count}; {remedy}")
-
-
 def check_bytes(size: int, largest: int, kind: str = "") -> None:
     """Raise FileFormatError for a file of more than `largest` bytes."""
     if size > largest:

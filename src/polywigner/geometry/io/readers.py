@@ -23,11 +23,11 @@ from polywigner.errors import (
     missing_extra,
 )
 from polywigner.geometry.aperture import Aperture, PlacedAperture
-from polywigner.geometry.arguments import checked_flag, checked_length, checked_path
+from polywigner.geometry.arguments import check_most, checked_flag, checked_length, checked_path
 from polywigner.geometry.io.dxf import load_dxf
 from polywigner.geometry.io.gds import load_gds
 from polywigner.geometry.io.gerber import load_gerber
-from polywigner.geometry.io.limits import MOST_RINGS, MOST_VERTICES, bytes_of, check_most, text_of
+from polywigner.geometry.io.limits import MOST_RINGS, MOST_VERTICES, bytes_of, text_of
 from polywigner.geometry.io.meshes import MESH_SUFFIXES, read_mesh
 from polywigner.geometry.io.outlines import OVERLAP_REMEDY, Drawing, File
 from polywigner.geometry.io.svg import PIXEL, load_svg
@@ -202,10 +202,9 @@ def _aperture_of(drawing: Drawing, union: bool) -> Aperture:
     """Return the aperture in metres of a drawing; ``union``: whether polygons may overlap."""
     polygons = drawing.polygons
     sizes = [len(ring) for rings in polygons for ring in rings]
-    check_most(
-        len(sizes), MOST_RINGS, "outlines", "use fewer outlines, such as one element of an array"
-    )
-    check_most(sum(sizes), MOST_VERTICES, "vertices", "simplify the outline")
+    remedy = "use fewer outlines, such as one element of an array"
+    check_most(len(sizes), MOST_RINGS, "outlines", remedy, FileFormatError)
+    check_most(sum(sizes), MOST_VERTICES, "vertices", "simplify the outline", FileFormatError)
     single = len(polygons) == 1
     names = ["the polygon" if single else f"polygon {number}" for number in range(len(polygons))]
 

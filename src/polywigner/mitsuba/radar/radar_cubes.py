@@ -15,9 +15,9 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, SceneError, require
+from polywigner.errors import SceneError, require
 from polywigner.execution.progress import with_progress
-from polywigner.geometry.arguments import checked_choice, checked_count, checked_flag
+from polywigner.geometry.arguments import check_most, checked_choice, checked_count, checked_flag
 from polywigner.mitsuba.plugins.placement import PlacedSource
 from polywigner.mitsuba.plugins.registration import one_at_a_time
 from polywigner.mitsuba.radar.clouds import end_responses
@@ -381,11 +381,8 @@ def _cloud_of(
     near = np.isfinite(lengths).all(axis=0)
     rates, wave = cloud["path_rate"].values[near] / SPEED_OF_LIGHT, radar.waveform
     within = np.abs(rates).max(initial=0.0) * wave.bandwidth * wave.samples * wave.time_step
-    if within > _MOST_WITHIN:
-        raise ArgumentError(
-            f"scatterers may move by at most {_MOST_WITHIN:g} range bins within a repetition, got "
-            f"{within:.3g} bins; use slower objects or a shorter waveform"
-        )
+    things = "range bins of motion within a repetition"
+    check_most(within, _MOST_WITHIN, things, "use slower objects or a shorter waveform")
     return _Cloud(
         responses[:, near], emitted[:, near], lengths[:, near] / SPEED_OF_LIGHT, rates,
         excess[:, near] / SPEED_OF_LIGHT,
