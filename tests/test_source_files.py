@@ -262,7 +262,7 @@ BAD = [
     ({**APERTURE, "version": 2}, "version: expected `int` <= 1"),
     ({**APERTURE, "taper": 1}, "unknown field `taper`"),
     ({**APERTURE, "unit": "mm"}, "'unit' applies only to the key 'file'"),
-    ({**APERTURE, "polygons": TILES}, "expected exactly one of the keys | got polygons and shape"),
+    ({**APERTURE, "polygons": TILES}, "expected exactly one of | got polygons and shape"),
     ({**APERTURE, "frequency": 1, "wavelength": 1}, "got both"),
     ({"kind": "aperture", "file": "none.wkt"}, "file: | none.wkt: expected"),
     ({"kind": "aperture", "shape": {"name": "circlet"}}, "shape.name: invalid value 'circlet'"),

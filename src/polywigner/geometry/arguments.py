@@ -7,7 +7,7 @@ import inspect
 import math
 import os
 import warnings
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from numbers import Real
@@ -346,6 +346,17 @@ def checked_count(value: Any, name: str, least: int, most: int = _LARGEST_COUNT)
             f"expected {name} to be a whole number from {least} to {most}, got {value_text(value)}"
         )
     return int(value)
+
+
+def only_given(
+    values: Mapping[str, Any], error: type[PolywignerError] = ArgumentError, purpose: str = ""
+) -> str:
+    """Return the name of the only value that is not None; raise an error for none or several."""
+    given = [name for name, value in values.items() if value is not None]
+    if len(given) != 1:
+        got = " and ".join(given) or "none"
+        raise error(f"expected exactly one of {', '.join(values)}{purpose}, got {got}")
+    return given[0]
 
 
 def check_most(

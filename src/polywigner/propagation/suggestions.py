@@ -18,6 +18,7 @@ from polywigner.geometry.arguments import (
     checked_number,
     checked_type,
     checked_wavelength,
+    only_given,
     takes_frequency,
 )
 from polywigner.geometry.rings import sides_of
@@ -224,13 +225,9 @@ def suggest_sampling(
             ends = (("theta", math.pi / 2), ("phi", 2 * math.pi))
             bands = [(name, "rad", 0.0, end, step, True) for name, end in ends]
         else:
-            chosen = {name: region for name, region in regions.items() if region is not None}
-            if len(chosen) != 1:
-                raise ArgumentError(
-                    f"expected exactly one of {', '.join(regions)} to specify the points of the "
-                    f"field, got {' and '.join(chosen) or 'none'}"
-                )
-            bands = _field_bands(plane.bounds, length, quantity == "amplitude", *chosen.popitem())
+            where = only_given(regions, purpose=" to specify the points of the field")
+            is_amplitude = quantity == "amplitude"
+            bands = _field_bands(plane.bounds, length, is_amplitude, where, regions[where])
     axes = tuple(_axis(band, finer) for band in bands)
     return Sampling(quantity, axes, math.prod(axis.count for axis in axes))
 

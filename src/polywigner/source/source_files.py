@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner import geometry
 from polywigner.errors import ArgumentError, FileFormatError, at_key, value_text
 from polywigner.geometry import Aperture, PlacedAperture, Slits, Wavefront
-from polywigner.geometry.arguments import checked_path, rigid_pose, write_lines
+from polywigner.geometry.arguments import checked_path, only_given, rigid_pose, write_lines
 from polywigner.geometry.io.limits import bytes_of, text_of
 from polywigner.geometry.parts import merge_parts, part_of_rings
 from polywigner.geometry.rings import oriented, polygon_of_part
@@ -85,16 +85,13 @@ class Context(NamedTuple):
 
 def _only_key(table: Table, *origins: str) -> str:
     """Return the one key of ``origins`` that a table contains, or raise FileFormatError."""
-    present = [key for key in origins if getattr(table, key) is not None]
-    if len(present) != 1:
-        got = " and ".join(present) or "none"
-        raise FileFormatError(f"expected exactly one of the keys {', '.join(origins)}, got {got}")
+    present = only_given({key: getattr(table, key) for key in origins}, FileFormatError)
     for key in ("unit", "layer", "union"):
-        if present[0] != "file" and getattr(table, key, None):
+        if present != "file" and getattr(table, key, None):
             raise FileFormatError(
-                f"the key {key!r} applies only to the key 'file', got it with {present[0]!r}"
+                f"the key {key!r} applies only to the key 'file', got it with {present!r}"
             )
-    return present[0]
+    return present
 
 
 class _Illuminated(Kind):

@@ -22,6 +22,7 @@ from polywigner.geometry import (
     Wavefront,
     read_aperture,
 )
+from polywigner.geometry.arguments import only_given
 from polywigner.mitsuba.plugins.mixtures import (
     Mixture,
     SceneSource,
@@ -301,19 +302,16 @@ class _SceneValues:
 
     def source(self, wavelength: float) -> PublicSource | Polyhedron:
         """Return the source with its taper, copies and steering."""
-        texts = {name: self.text(name, None) for name in SOURCE_TEXTS if name in self.values}
+        texts = {name: self.text(name, "") for name in SOURCE_TEXTS if name in self.values}
         return apply_texts(self._outline(), texts, wavelength)
 
     def _outline(self) -> PublicSource | Polyhedron:
         """Return the source that is named by ``aperture`` or ``source``, without its texts."""
-        names = [name for name in ("aperture", "source") if name in self.values]
-        if len(names) == 2:
-            raise SceneError(
-                f"expected only one of the parameters aperture and source of the {self.element}, "
-                "got both; a source file can take its outline from an aperture file"
-            )
-        name = self.text((names or ["aperture"])[0], None)
-        in_file = names == ["aperture"] and not is_key(name)
+        given = {key: self.values.get(key) for key in ("aperture", "source")}
+        kinds = " (an aperture file such as GeoJSON or DXF, or a source file)"
+        parameter = only_given(given, SceneError, f"{kinds} of the {self.element}")
+        name = self.text(parameter, "")
+        in_file = parameter == "aperture" and not is_key(name)
         for key in ("unit", "tolerance", "layer", "union"):
             if key in self.values and not in_file:
                 kind = "an aperture from memory" if is_key(name) else "a source file"
@@ -332,16 +330,10 @@ class _SceneValues:
 
     def wavelength(self) -> float:
         """Return the wavelength in m, from the parameter ``wavelength`` or ``frequency``."""
-        frequency, wavelength = self.number("frequency"), self.number("wavelength")
-        if frequency is not None and wavelength is None:
-            return wavelength_of(frequency)
-        if frequency is None and wavelength is not None:
-            return wavelength
-        got = "both" if frequency else "neither"
-        raise SceneError(
-            f"expected exactly one of frequency and wavelength of the {self.element}, got {got}; "
-            'specify one, such as frequency "94 GHz"'
-        )
+        given = {name: self.number(name) for name in ("frequency", "wavelength")}
+        name = only_given(given, SceneError, f" of the {self.element}")
+        number = given[name] or 0.0
+        return wavelength_of(number) if name == "frequency" else number
 
     def polarisation(self, source: SceneSource) -> Complex | None:
         """Return the Jones vectors (2,) or (n, 2) of a source, or None for unpolarised light."""
@@ -369,15 +361,9 @@ class _SceneValues:
             raise self._wrong_type(name, "True or False", "boolean")
         return bool(value)
 
-    def text(self, name: str, default: str | None) -> str:
-        """Return a text parameter; raise SceneError if it is missing and has no default."""
+    def text(self, name: str, default: str) -> str:
+        """Return a text parameter."""
         value = self.values.get(name, default)
-        if value is None and name not in self.values:
-            raise SceneError(
-                f"the parameter {name!r} of a {self.element} is missing; set aperture to an "
-                "aperture file (such as GeoJSON or DXF), or source to a source file (TOML or "
-                "JSON)"
-            )
         if not isinstance(value, str):
             raise self._wrong_type(name, "a string", "string")
         return value
