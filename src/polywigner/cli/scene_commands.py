@@ -232,11 +232,6 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
     jones = settings.polarisation
     variant = choose_variant(settings.variant, jones is not None and settings.variant is None)
     polarised = is_polarised(variant)
-    if jones is not None and not (polarised or settings.coherent):
-        raise ArgumentError(
-            f"in the unpolarised variant {variant}, --polarisation requires --coherent; add "
-            "--coherent, or omit --variant"
-        )
     by_scene, by_argument = (jones, None) if polarised else (None, jones)
     response = None
     with settings.running(variant, files[0]) as store:

@@ -38,8 +38,6 @@ _LONGEST_NAME = 32
 _MESHES = (".stl", ".ply", ".obj")
 # Relative difference up to which wavelengths count as equal; users type few digits.
 _SAME_WAVELENGTH = 1e-3
-# Largest ratio of wavelength to diameter, and of diameter to wavelength, in figures.
-_LARGEST_RATIO = 1e12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -192,12 +190,10 @@ class SourceOptions(ReadingOptions, WaveOptions):
 
 
 def check_wavelength(wavelength: float, diameter: float) -> None:
-    """Warn if a wavelength in metres is implausible for the aperture; raise if impossible."""
+    """Warn if a wavelength in metres is implausible for the diameter of an aperture in metres."""
     from polywigner.geometry.arguments import doubt_of_wavelength
 
     doubt = doubt_of_wavelength(wavelength, diameter)
-    if doubt and not 1 / _LARGEST_RATIO <= wavelength / diameter <= _LARGEST_RATIO:
-        raise ArgumentError(f"implausible wavelength for the aperture: {doubt}")
     if doubt:
         warnings.warn(f"implausible wavelength: {doubt}", RuntimeWarning, stacklevel=2)
 
