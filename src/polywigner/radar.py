@@ -21,7 +21,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from polywigner.errors import ArgumentError, require, value_text
-from polywigner.geometry.arguments import checked_choice, checked_count, checked_length
+from polywigner.geometry.arguments import (
+    checked_choice,
+    checked_count,
+    checked_length,
+    checked_number,
+)
 from polywigner.numerics import Complex, Floats
 from polywigner.quantities import SPEED_OF_LIGHT, parse_duration, parse_frequency
 
@@ -417,12 +422,6 @@ def detections(
         If the numbers of bins or the probability are out of range.
     """
     filters = require("scipy.ndimage", "arrays", "detections are found with")
-    if not (hasattr(image, "dims") and len(guard) == len(training) == 2):
-        raise ArgumentError(
-            "expected image to be a DataArray from range_doppler or range_angle, and guard and "
-            f"training as two numbers each, got {type(image).__name__}, {guard!r} and "
-            f"{training!r}"
-        )
     near = [checked_count(n, "guard", 0, _MOST) for n in guard]
     far = [n + checked_count(m, "training", 1, _MOST) for n, m in zip(near, training, strict=True)]
     if any(2 * n >= size for n, size in zip(far, image.shape[-2:], strict=True)):
@@ -430,8 +429,7 @@ def detections(
             "expected fewer guard and training bins than the map has bins, "
             f"{image.shape[-2:]}, got {guard!r} and {training!r} on each side"
         )
-    if not 0 < false_alarm < 1:
-        raise ArgumentError(f"false_alarm must be between 0 and 1, got {value_text(false_alarm)}")
+    checked_number(false_alarm, "false_alarm", "between 0 and 1", lambda x: 0 < x < 1)
     modes = ["wrap" if dim == "range_rate" else "reflect" for dim in image.dims[-2:]]
 
     def sums(half_widths: list[int]) -> tuple[Floats, int]:

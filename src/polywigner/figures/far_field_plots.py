@@ -123,8 +123,6 @@ def _panel_names(panels: Sequence[str] | None, meridians: int) -> list[str]:
     if isinstance(panels, str) or not isinstance(panels, Sequence):
         panels = [panels]
     names = [checked_choice(panel, "panels", get_args(PatternPanel)) for panel in panels]
-    if not names:
-        raise ArgumentError("panels must contain at least one name, got an empty sequence")
     if "uv" in names and meridians < _LEAST_MERIDIANS:
         raise ArgumentError(
             f"the panel 'uv' requires at least {_LEAST_MERIDIANS} phi angles, got {meridians}; "

@@ -13,6 +13,7 @@ from polywigner.geometry.arguments import checked_type
 from polywigner.geometry.parts import polygons_in
 from polywigner.geometry.rings import draw_rings, rings_of_polygon
 from polywigner.quantities import LengthUnit
+from polywigner.transforms.projection import is_frequency
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -324,11 +325,6 @@ def mark_evanescent(axes: Axes, wavelength: float, unit: LengthUnit, ink: str) -
     axes.add_patch(Circle((0, 0), radius, fill=False, edgecolor=ink, lw=0.8, ls=":"))
 
 
-def is_spectral(name: str) -> bool:
-    """Return whether a coordinate such as "nu_x" is a spatial frequency."""
-    return name.startswith(("nu", "upsilon"))
-
-
 def latex(name: str) -> str:
     """Return the LaTeX code of a coordinate such as "nu_x"."""
     return f"\\{name}" if name.startswith(("xi", "nu", "upsilon")) else name
@@ -336,7 +332,7 @@ def latex(name: str) -> str:
 
 def axis_label(name: str, unit: LengthUnit) -> str:
     """Return the label of a coordinate with its unit, such as ``nu_x (1/mm)``."""
-    return f"${latex(name)}$ ({'1/' if is_spectral(name) else ''}{unit.name})"
+    return f"${latex(name)}$ ({'1/' if is_frequency(name) else ''}{unit.name})"
 
 
 def label_axes(axes: Axes, symbol: str, unit: LengthUnit) -> None:

@@ -584,9 +584,7 @@ def rigid_poses(values: Any, name: str) -> NDArray[np.float64]:
         f"expected {name} to be rigid poses of shape (..., 4, 4), "
         "with rotation and translation only"
     )
-    poses = checked_vectors(values, expected, (4, 4), GeometryError)
-    if not np.isfinite(poses).all():
-        raise GeometryError(f"{expected}, got NaN or infinite elements")
+    poses = finite_array(values, expected, (..., 4, 4), error=GeometryError)
     rotation = poses[..., :3, :3]
     left, scales, right = np.linalg.svd(rotation)
     gram = np.swapaxes(rotation, -1, -2) @ rotation

@@ -14,7 +14,7 @@ from polywigner.errors import ArgumentError
 from polywigner.execution import Engine
 from polywigner.geometry import Aperture, Polyhedron, Wavefront
 from polywigner.geometry.aperture import PlacedAperture
-from polywigner.geometry.arguments import checked_wavelength, takes_frequency
+from polywigner.geometry.arguments import checked_choice, checked_wavelength, takes_frequency
 from polywigner.geometry.silhouettes import obstacles_of
 from polywigner.kernels.boundary.integrals import distance_of, point_in_wavelengths
 from polywigner.numerics import Complex, Floats
@@ -30,7 +30,6 @@ from polywigner.propagation.point_grids import (
     METHODS,
     Method,
     checked_coordinates,
-    checked_method,
     checked_points,
     tolerance_from,
     warn_of_missed,
@@ -244,7 +243,7 @@ def field_and_error(
             f'expected method to be one of {", ".join(METHODS)}, got "wigner", whose rays have no '
             "phase; use polywigner.irradiance for rays"
         )
-    name, length = checked_method(method), checked_wavelength(wavelength)
+    name, length = checked_choice(method, "method", METHODS), checked_wavelength(wavelength)
     if isinstance(source, PointSource):
         positions = _points_around(source, points)
     else:
@@ -393,7 +392,7 @@ def _fraunhofer(
 
     ``obliquity``: None for the default boundary condition.
     """
-    kind = checked_method(DEFAULT if obliquity is None else obliquity, CONDITIONS)
+    kind = checked_choice(DEFAULT if obliquity is None else obliquity, "obliquity", CONDITIONS)
     flat = flat_source(source)
     radiator = radiator_of(flat)
     check_slopes(source, kind)

@@ -38,7 +38,6 @@ from polywigner.propagation.point_grids import (
     METHODS,
     Grid,
     box_grid,
-    checked_method,
     hemisphere_grid,
     line_grid,
     plane_grid,
@@ -55,6 +54,7 @@ from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.directions import PlaneSource, checked_radiator
 from polywigner.source.obliquities import DEFAULT
 from polywigner.transforms import PhaseSpaceSource, ambiguity, wigner
+from polywigner.transforms.projection import is_frequency
 from polywigner.transforms.wavefronts import flat_source
 from polywigner.transforms.xarray_arguments import labelled_array
 
@@ -194,7 +194,7 @@ def _checked_methods(method: Any) -> tuple[str, ...]:
         raise ArgumentError(
             f"expected method to be one method, or a list of different methods, got {method!r}"
         )
-    return tuple(checked_method(name, ("wigner", *METHODS)) for name in methods)
+    return tuple(checked_choice(name, "method", ("wigner", *METHODS)) for name in methods)
 
 
 def _positions(grid: Grid) -> dict[str, Any]:
@@ -609,5 +609,4 @@ def _checked_axis(name: str, values: ArrayLike) -> xarray.Variable:
     """Return a coordinate of a table in m or 1/m; raise ArgumentError for other values."""
     expected = f"expected {name} to be finite numbers of shape (n,)"
     array = finite_array(values, expected, (None,))
-    units = "1/m" if name.startswith(("nu", "upsilon")) else "m"
-    return labelled_array(array, (name,), {"units": units})
+    return labelled_array(array, (name,), {"units": "1/m" if is_frequency(name) else "m"})

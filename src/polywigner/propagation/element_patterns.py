@@ -92,11 +92,6 @@ class ElementPattern:
             )
         if not self.covers_sphere:
             theta, values = theta[~behind], values[:, ~behind]
-        if len(theta) < 3 or len(phi) < 4:
-            raise ArgumentError(
-                "expected a pattern with at least three theta angles in front of the plane and "
-                f"four phi angles, got {len(theta)} and {len(phi)}"
-            )
         count = len(phi)
         orders = np.fft.fftfreq(count, 1 / count)
         waves = np.fft.fft(values, axis=2) / count * np.exp(-1j * orders * phi[0])

@@ -14,7 +14,7 @@ import numpy as np
 
 from polywigner.errors import FileFormatError
 from polywigner.geometry.arguments import check_most
-from polywigner.geometry.io.limits import LARGEST_NUMBER, token
+from polywigner.geometry.io.limits import check_coordinates, token
 from polywigner.numerics import Complex, Floats
 from polywigner.propagation.element_patterns import polar_components
 from polywigner.quantities import parse_frequency
@@ -289,12 +289,7 @@ def _number_table(rows: Sequence[Sequence[str]], first: int, columns: int) -> Fl
             "the file contains no directions; expected one line for each direction"
         )
     table = np.array(values)
-    valid = np.abs(table) <= LARGEST_NUMBER  # False for NaN
-    if not valid.all():
-        raise FileFormatError(
-            f"the file contains the number {table[~valid][0]:g}; expected finite numbers up to "
-            f"{LARGEST_NUMBER:g}"
-        )
+    check_coordinates(table)
     return table
 
 

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-import numbers
 from dataclasses import dataclass
 from typing import Any, Literal, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, value_text
+from polywigner.errors import ArgumentError
 from polywigner.execution import NumpyOperations
 from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import checked_choice, checked_type, finite_array
+from polywigner.geometry.arguments import checked_choice, checked_type, complex_array, finite_array
 from polywigner.kernels.boundary.edge_waves import EdgeRule, angle_about, edge_wave
 from polywigner.numerics import Complex, Floats
 from polywigner.numerics.chirps import waves_of_cycles
@@ -274,8 +273,5 @@ def _three_numbers(value: Any, name: str, meaning: str) -> tuple[float, float, f
 
 def _checked_amplitude(value: complex) -> complex:
     """Return an amplitude as a float or complex; raise ArgumentError unless it is finite."""
-    if not isinstance(value, numbers.Number) or not np.isfinite(complex(value)):
-        raise ArgumentError(
-            f"expected amplitude to be a finite complex number, got {value_text(value)}"
-        )
-    return value if isinstance(value, float) else complex(value)
+    number = complex(complex_array(value, "expected amplitude to be a finite complex number", ()))
+    return value if isinstance(value, float) else number

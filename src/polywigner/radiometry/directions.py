@@ -33,19 +33,13 @@ from polywigner.transforms.wavefronts import checked_wavefront, flat_source
 # Largest product of bandwidth and propagation time across the source. The mean over the band takes
 # about this number of wavelengths.
 _MOST_SPREAD = 500.0
-_MEANING = "a bandwidth in Hz above zero, and less than twice the frequency"
 
 
 def checked_bandwidth(bandwidth: Any, wavelength: float) -> float:
     """Return a bandwidth in Hz; raise ArgumentError unless it is below twice the frequency."""
-    width = checked_number(bandwidth, "bandwidth", _MEANING)
-    carrier = SPEED_OF_LIGHT / wavelength
-    if not 0 < width < 2 * carrier:
-        raise ArgumentError(
-            f"expected {_MEANING} of {carrier:.4g} Hz, got {bandwidth!r}; omit bandwidth for a "
-            "single wavelength"
-        )
-    return width
+    most = 2 * SPEED_OF_LIGHT / wavelength
+    meaning = f"in Hz above zero and below {most:.4g} Hz, twice the frequency"
+    return checked_number(bandwidth, "bandwidth", meaning, lambda x: 0 < x < most)
 
 
 def wavelengths_of_band(

@@ -31,7 +31,7 @@ from polywigner.propagation.boundary import Radiator, boundary_field, cosines_of
 from polywigner.propagation.point_grids import tolerance_from
 from polywigner.propagation.vector_fields import edge_integrals
 from polywigner.radiometry.directions import checked_source
-from polywigner.reception.couplings import checked_normalise, root_of_norm
+from polywigner.reception.couplings import NORMALISATIONS, root_of_norm
 from polywigner.scattering.facet_beams import sums_of_beams
 from polywigner.scattering.facets import (
     Facets,
@@ -522,7 +522,7 @@ def near_sections(
     a warning, if an antenna has a null at the centre of the body.
     """
     allowed = tolerance_from(tolerance, _TOLERANCE, _LEAST)
-    checked_normalise(normalise)
+    checked_choice(normalise, "normalise", NORMALISATIONS)
     for antenna in (source, receiver):
         if antenna is not None:
             checked_source(antenna)

@@ -78,9 +78,8 @@ class SourceElement:
     @property
     def rings(self) -> tuple[Floats, ...]:
         """Rings (n, 2) of an aperture; exteriors are counter-clockwise, holes clockwise."""
-        if isinstance(self.outline, Slits):
-            raise GeometryError("only an Aperture has rings, got Slits")
-        return self.outline.rings
+        rings: tuple[Floats, ...] = self.outline.rings  # type: ignore[union-attr]
+        return rings
 
     def tilted(self, kappa: ArrayLike) -> SourceElement:
         """Return the element multiplied by exp(2 pi i kappa.x), with kappa (d,) in 1/m."""

@@ -180,7 +180,7 @@ def projections(
         values = tile.values(source, axes[tile.first], axes[tile.second], engine)
         arrays[name] = labelled_array(values, (tile.first, tile.second), attrs)
     coords = {
-        name: labelled_array(values, (name,), {"units": "1/m" if _is_frequency(name) else "m"})
+        name: labelled_array(values, (name,), {"units": "1/m" if is_frequency(name) else "m"})
         for name, values in axes.items()
         if name in used
     }
@@ -188,7 +188,7 @@ def projections(
     return labelled_arrays(arrays, coords, attrs)
 
 
-def _is_frequency(name: str) -> bool:
+def is_frequency(name: str) -> bool:
     """Return whether the name of a coordinate denotes a spatial frequency."""
     return name.startswith(("nu", "upsilon"))
 
@@ -225,7 +225,7 @@ def _coordinate_values(
     for name in names:
         axis = int(name.endswith("y"))
         width, centre = widths[axis], 0.0
-        half_range = _LOBES / width if _is_frequency(name) else _MARGIN * width
+        half_range = _LOBES / width if is_frequency(name) else _MARGIN * width
         if name in ("x", "y"):
             centre, half_range = low[axis] + width / 2, half_range / 2
         axes[name] = (

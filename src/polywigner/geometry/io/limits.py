@@ -40,7 +40,7 @@ def check_coordinates(points: NDArray[Any]) -> None:
     # The condition is negated, so that NaN also raises an error.
     if not (np.abs(points) <= LARGEST_NUMBER).all():
         raise FileFormatError(
-            f"expected finite coordinates below {LARGEST_NUMBER:g}, got a larger number or "
+            f"expected finite numbers below {LARGEST_NUMBER:g}, got a larger number or "
             "NaN; correct the file"
         )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from numbers import Real
 from pathlib import Path
@@ -22,7 +22,7 @@ from polywigner.geometry import (
     Wavefront,
     read_aperture,
 )
-from polywigner.geometry.arguments import only_given
+from polywigner.geometry.arguments import checked_choice, only_given
 from polywigner.mitsuba.plugins.mixtures import (
     Mixture,
     SceneSource,
@@ -43,9 +43,10 @@ from polywigner.quantities import (
     parse_frequency,
     parse_length,
     parse_power,
+    parse_unit,
     wavelength_of,
 )
-from polywigner.reception.couplings import NORMALISATIONS, checked_normalise
+from polywigner.reception.couplings import NORMALISATIONS
 from polywigner.source import Array, read_source
 from polywigner.source.normal_form import PublicSource, normal_form
 from polywigner.source.obliquities import DEFAULT, OBLIQUITIES
@@ -172,14 +173,14 @@ def read_parameters(values: Mapping[str, Any], plugin: str) -> SourceParameters:
     element = _SceneValues(values, f"{plugin} {'shape' if is_emitter else 'sensor'}")
     element.check_names(PARAMETERS if is_emitter else RECEIVER_PARAMETERS)
     default = None if is_emitter else RECEIVER_ESTIMATOR
-    estimator = element.choice("an estimator", ESTIMATORS, default)
+    estimator = element.choice("estimator", ESTIMATORS, default)
     diffraction = element.flag("diffraction", False)
     if diffraction and estimator != "exact":
         raise SceneError(
             f'diffraction requires the estimator "exact", got {estimator!r}; with the estimator '
             '"wigner", obstacles do not change the Wigner function of the source'
         )
-    obliquity = element.choice("an obliquity", OBLIQUITIES, DEFAULT)
+    obliquity = element.choice("obliquity", OBLIQUITIES, DEFAULT)
     wavelength = element.wavelength()
     bandwidth = element.number("bandwidth") if is_emitter else None
     # Errors in source files remain FileFormatErrors.
@@ -195,7 +196,7 @@ def read_parameters(values: Mapping[str, Any], plugin: str) -> SourceParameters:
         scene_unit=element.number("scene_unit") or 1.0,
         support=support_of(source, obliquity),
         mixture=mixture,
-        normalise=checked_normalise(element.text("normalise", NORMALISATIONS[0]), SceneError),
+        normalise=element.choice("normalise", NORMALISATIONS),
         diffraction=diffraction,
         visible=element.flag("visible", True),
         noise={} if is_emitter else {name: element.number(name) for name in NOISE_PARSERS},
@@ -220,17 +221,11 @@ def _power(element: _SceneValues, spec: SourceParameters) -> float:
     return spec.norm if power is None else power
 
 
-def _parse_unit(value: str | float) -> float:
-    """Convert a unit such as "mm", "0.1 m" or 1e-3 to metres."""
-    is_name = isinstance(value, str) and value.strip()[:1].isalpha()
-    return parse_length(f"1 {value}" if is_name else value)
-
-
 _PARSERS: dict[str, Callable[[Any], float]] = {
     "frequency": parse_frequency,
     "wavelength": parse_length,
     "tolerance": parse_length,
-    "scene_unit": _parse_unit,
+    "scene_unit": parse_unit,
     "power": parse_power,
     "aperture_power": parse_power,
     **NOISE_PARSERS,
@@ -289,16 +284,10 @@ class _SceneValues:
                     f"{', '.join(known)}"
                 )
 
-    def choice(self, kind: str, known: Iterable[str], default: str | None = None) -> str:
-        """Return a parameter that is one of ``known``, by default ``default`` or the first of them.
-
-        ``kind`` names the parameter, as in "an estimator".
-        """
-        known = tuple(known)
-        name = self.text(kind.split()[1], default or known[0])
-        if name not in known:
-            raise SceneError(f"expected {kind}, got {name!r}; use one of {', '.join(known)}")
-        return name
+    def choice(self, name: str, known: Collection[str], default: str | None = None) -> str:
+        """Return a parameter that is one of ``known``, by default ``default`` or the first one."""
+        with scene_errors():
+            return checked_choice(self.text(name, default or next(iter(known))), name, known)
 
     def source(self, wavelength: float) -> PublicSource | Polyhedron:
         """Return the source with its taper, copies and steering."""

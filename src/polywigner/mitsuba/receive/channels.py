@@ -56,7 +56,7 @@ from polywigner.mitsuba.scenes.reflectors import (
 from polywigner.mitsuba.scenes.rendering import hide_emitters, polarised_by_default
 from polywigner.mitsuba.scenes.surfaces import receivers_of
 from polywigner.numerics import Complex, Floats
-from polywigner.quantities import SPEED_OF_LIGHT, parse_frequency, wavelength_of
+from polywigner.quantities import SPEED_OF_LIGHT, parse_frequency
 from polywigner.reception import coupling
 from polywigner.scattering.near_fields import echo
 from polywigner.source.polarisation import checked_polarisation, components
@@ -172,8 +172,6 @@ def checked_frequencies(frequencies: Any) -> Floats:
     row = checked_row(values, expected)
     if row.size > _MOST_FREQUENCIES or not (np.isfinite(row) & (row > 0.0)).all():
         raise ArgumentError(f"{expected}, got {frequencies!r:.100}")
-    for value in row:
-        wavelength_of(float(value))
     return row
 
 
