@@ -221,6 +221,18 @@ def wavelength_of(frequency: float) -> float:
     return SPEED_OF_LIGHT / frequency
 
 
+def parse_wavelength(frequency: str | float | None, wavelength: str | float | None) -> float | None:
+    """Parse a frequency or a wavelength to a wavelength in metres; None without either.
+
+    Raises QuantityError for both, and for invalid quantities.
+    """
+    if frequency is not None and wavelength is not None:
+        raise QuantityError("expected either a frequency or a wavelength, got both; omit one")
+    if frequency is not None:
+        return wavelength_of(parse_frequency(frequency))
+    return None if wavelength is None else parse_length(wavelength)
+
+
 class LengthUnit(NamedTuple):
     """A unit of length for printed numbers: its name and its size in metres."""
 

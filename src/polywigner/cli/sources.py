@@ -19,10 +19,9 @@ from polywigner.quantities import (
     SPEED_OF_LIGHT,
     parse_angle,
     parse_coordinate,
-    parse_frequency,
     parse_length,
     parse_unit,
-    wavelength_of,
+    parse_wavelength,
 )
 
 if TYPE_CHECKING:
@@ -49,13 +48,7 @@ class WaveOptions:
 
     def length(self) -> float | None:
         """Return the wavelength in metres, or None if neither option is specified."""
-        if self.frequency is not None and self.wavelength is not None:
-            raise ArgumentError(
-                "expected either --frequency or --wavelength, got both; omit one of them"
-            )
-        if self.frequency is not None:
-            return wavelength_of(parse_frequency(self.frequency))
-        return None if self.wavelength is None else parse_length(self.wavelength)
+        return parse_wavelength(self.frequency, self.wavelength)
 
 
 def required_wavelength(wavelength: float | None) -> float:

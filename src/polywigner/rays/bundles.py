@@ -25,7 +25,7 @@ from polywigner.geometry.arguments import (
     shape_of,
     warn_caller,
 )
-from polywigner.geometry.io.limits import check_regular
+from polywigner.geometry.io.limits import check_regular, checked_suffix
 from polywigner.numerics import Floats
 from polywigner.transforms.xarray_arguments import arrays_of
 
@@ -394,11 +394,8 @@ def save(
 def _checked_file(path: str | os.PathLike[str]) -> Path:
     """Return an absolute path; raise ArgumentError unless its suffix is .dat."""
     file = checked_path(path)
-    if file.suffix.lower() != ".dat":
-        raise ArgumentError(
-            f"the suffix of a ray file must be .dat, got {file.name!r}; to store rays for "
-            "polywigner, use polywigner.write_netcdf and xarray.load_dataset"
-        )
+    remedy = "to store rays, use polywigner.write_netcdf and xarray.load_dataset"
+    checked_suffix(file, [".dat"], remedy, ArgumentError)
     return file
 
 

@@ -100,20 +100,6 @@ def converted(table: Any, kind: Any, strict: bool = True, key: str = "") -> Any:
         raise FileFormatError(f"{path}: {fault}" if path else fault) from None
 
 
-def wavelength_in(table: Any, default: float | None = None) -> float | None:
-    """Return the wavelength in m from the wavelength or frequency of a table, or the default.
-
-    Raises FileFormatError if the table has both.
-    """
-    if table.frequency is not None and table.wavelength is not None:
-        raise FileFormatError(
-            "expected either a frequency or a wavelength, got both; remove one of them"
-        )
-    if table.frequency is not None:
-        return quantities.wavelength_of(table.frequency)
-    return default if table.wavelength is None else float(table.wavelength)
-
-
 def required_wavelength(wavelength: float | None) -> float:
     """Return the wavelength in m; raise FileFormatError if it is None."""
     if wavelength is None:
@@ -196,8 +182,8 @@ def called(table: Any, wavelength: float | None = None, layout: Any = None, **co
     function, values = _FUNCTIONS[type(table)], msgspec.structs.asdict(table)
     parameters = inspect.signature(function).parameters
     if "wavelength" in values:
-        values["wavelength"] = required_wavelength(wavelength_in(table, wavelength))
-        del values["frequency"]
+        given = quantities.parse_wavelength(values.pop("frequency"), values["wavelength"])
+        values["wavelength"] = required_wavelength(wavelength if given is None else given)
     if "theta" in values:
         direction = tapers.direction_of(values.pop("theta"), values.pop("phi"))
         values["direction"] = direction[: context["dimension"]]

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.errors import FileFormatError
+from polywigner.errors import FileFormatError, PolywignerError
 
 # Largest sizes of outline and scene files [bytes]; a million vertices take about 40 MB as text.
 LARGEST_FILE = 64 * 2**20
@@ -56,6 +57,20 @@ def token(text: str, known: tuple[str, ...] = ()) -> str:
     if text in known or _NUMBER.fullmatch(text):
         return repr(text)
     return f"{len(text)} characters of text" if text else "nothing"
+
+
+def checked_suffix(
+    path: Path,
+    known: Collection[str],
+    remedy: str = "use another format",
+    error: type[PolywignerError] = FileFormatError,
+) -> str:
+    """Return the suffix of a path in lower case; raise an error if it is not a known one."""
+    suffix = path.suffix.lower()
+    if suffix not in known:
+        got = f"got {suffix or 'none'!r}; {remedy}"
+        raise error(f"expected a file with the suffix {', '.join(known)}, {got}")
+    return suffix
 
 
 def check_regular(path: Path) -> None:

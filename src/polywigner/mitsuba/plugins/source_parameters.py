@@ -236,10 +236,8 @@ def _number(name: str, value: Any, element: str) -> float:
     """Convert a parameter to SI units; raise SceneError if it is not a quantity."""
     if not isinstance(value, str | Real) or isinstance(value, bool):
         raise SceneError(f"expected {name} to be a number or a string, got {type(value).__name__}")
-    try:
+    with scene_errors(f"{name} of the {element}: "):
         return float(_PARSERS[name](value))
-    except ValueError as error:
-        raise SceneError(f"{name} of the {element}: {error}") from None
 
 
 def scene_entry(

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_path, in_place, rigid_pose
+from polywigner.geometry.io.limits import checked_suffix
 from polywigner.mitsuba.plugins.mixtures import norm_of, support_of
 from polywigner.mitsuba.plugins.placement import PlacedSource
 from polywigner.mitsuba.radar.range_profile import checked_ranges
@@ -217,11 +218,9 @@ def write_scatterers(cloud: Any, path: str | os.PathLike[str]) -> None:
     """
     file = checked_path(path)
     _contents_of(cloud)
-    if file.suffix.lower() == ".nc":
+    if checked_suffix(file, (".csv", ".nc"), error=ArgumentError) == ".nc":
         write_netcdf(cloud, file)
         return
-    if file.suffix.lower() != ".csv":
-        raise ArgumentError(f"expected a path with the suffix .csv or .nc, got {str(file)!r}")
     columns: dict[str, list[Any]] = {}
     for name, array in cloud.data_vars.items():
         if array.ndim == 2:

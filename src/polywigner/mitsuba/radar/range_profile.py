@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from polywigner.errors import ArgumentError
 from polywigner.execution.progress import with_progress
-from polywigner.geometry.arguments import checked_callable, real_array
+from polywigner.geometry.arguments import real_array
 from polywigner.mitsuba.plugins.films import seed_of
 from polywigner.mitsuba.plugins.registration import one_at_a_time
 from polywigner.mitsuba.radar.range_film import (
@@ -368,16 +368,13 @@ def range_frames(
     lengths = 2.0 * edges / units.pop()
     check_bin_count(camera.film().crop_size(), edges)
     parts = min(_PARTS, total)
-    checked_callable(progress, "progress")
     sums: Any = 0.0
-    with with_progress("renders", range(parts)) as numbers:
+    with with_progress("renders", range(parts), progress) as numbers:
         for part in numbers:
             samples = total // parts + (part < total % parts)
             seed_of_part = seed_of(exposure.seed, part)
             image = sorted_by_range(scene, camera, method, lengths, samples, seed_of_part)
             sums = sums + samples / total * image
-            if progress is not None:
-                progress(part + 1, parts)
     pixels, unit = ("row", "column"), "W m-2 sr-1"
     frames = np.moveaxis(sums[..., 1:-1], -1, 0)
     values = {

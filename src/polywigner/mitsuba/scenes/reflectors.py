@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import mitsuba as mi
 import numpy as np
 
-from polywigner.errors import ArgumentError, PolywignerError, SceneError
+from polywigner.errors import ArgumentError, SceneError, at_key
 from polywigner.geometry.arguments import check_most, checked_count
 from polywigner.geometry.shapes import square
 from polywigner.mitsuba.scenes.surfaces import faces_of, sorted_shapes, vertices_of
@@ -386,10 +386,8 @@ def _body(name: str, value: Any) -> Body:
     bounces = 1
     if isinstance(value, tuple) and len(value) == 2 and isinstance(value[1], int | np.integer):
         value, bounces = value
-    try:
+    with at_key(f"the body {name!r}"):
         return Body(name, facets_of(value), checked_count(bounces, "reflections", 1, MOST_BOUNCES))
-    except PolywignerError as error:
-        raise ArgumentError(f"the body {name!r}: {error}") from None
 
 
 def _echoes_of(bodies: Sequence[Body], mirrors: Sequence[Mirror], reflections: int) -> list[Echo]:
