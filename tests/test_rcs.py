@@ -313,7 +313,7 @@ def test_a_pattern_is_a_table_of_sections(body: Any, bounces: int) -> None:
         ((BOX, (0, 0, 1), 0.1, None, ((1, 0, 0), (0, 0, 1))), "90 degrees"),
         ((BOX, (0, 0, 1), 0.1, None, ((2, 0, 0), (1, 0, 0))), "of length 2"),
         ({"elevation": 2.0}, "elevation to be angles"),
-        ({"to_transmitter": np.eye(3)}, "a single unit vector"),
+        ({"to_transmitter": np.eye(3)}, r"unit vectors of shape \(3,\)"),
         ({"polarisation": "circular"}, "expected polarisation"),
         *(({"bounces": n}, "bounces to be a whole number") for n in (0, 4, 1.5, "2", True)),
     ],

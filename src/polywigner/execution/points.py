@@ -179,11 +179,6 @@ def _component_array(name: str, value: Any, float_type: type) -> Drjit:
         return joined([array_of(float_type, column) for column in np.atleast_2d(array).T])
     if drjit.depth_v(value) == 1:
         return value
-    if drjit.depth_v(value) != 2 or not 0 < len(value) < 4:
-        raise ArgumentError(
-            f"expected {name} to be an array with 1 to 3 components on its first axis, got "
-            f"{type(value).__name__}"
-        )
     return joined([value[k] for k in range(len(value))])
 
 

@@ -189,11 +189,7 @@ def _checked_settings(options: FieldOptions, quantity: str) -> dict[str, Any]:
 
 def _checked_methods(method: Any) -> tuple[str, ...]:
     """Return one or more method names as a tuple; raise ArgumentError for unknown names."""
-    methods = tuple(method) if isinstance(method, (list, tuple)) else (method,)
-    if not methods or len(set(map(str, methods))) < len(methods):
-        raise ArgumentError(
-            f"expected method to be one method, or a list of different methods, got {method!r}"
-        )
+    methods = method if isinstance(method, (list, tuple)) else (method,)
     return tuple(checked_choice(name, "method", ("wigner", *METHODS)) for name in methods)
 
 

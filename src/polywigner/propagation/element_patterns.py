@@ -26,6 +26,7 @@ from polywigner.radiometry.directions import directions_and_weights
 from polywigner.source.obliquities import DEFAULT, DefaultCondition
 from polywigner.source.polarisation import MODELS, CurrentModel, checked_polarisation, ludwig_axes
 from polywigner.transforms import fourier
+from polywigner.transforms.xarray_arguments import arrays_of
 
 if TYPE_CHECKING:
     import xarray
@@ -210,19 +211,13 @@ def linear_components(pattern: Any, name: str) -> tuple[Floats, Floats, Complex,
     Angles are in rad. Both components follow Ludwig's third definition and have the shape (n, m)
     over ascending angles. Raises ArgumentError for anything but the pattern of a polarised source.
     """
-    try:
-        pattern = pattern.sortby(["theta", "phi"]).transpose("theta", "phi")
-        theta, phi = (np.asarray(pattern[axis].values, np.float64) for axis in ("theta", "phi"))
-        co, cross = (np.asarray(pattern[k].values, complex) for k in ("field", "cross_field"))
-        jones = np.asarray(pattern.attrs["polarisation"], np.float64).view(np.complex128)
-        if co.shape != (len(theta), len(phi)) or not len(theta) or jones.shape != (2,):
-            raise ValueError
-    except (TypeError, KeyError, IndexError, AttributeError, ValueError):
-        raise ArgumentError(
-            f"expected {name} to be a pattern of a polarised source over theta and phi, got "
-            f"{type(pattern).__name__}; use read_pattern, or radiation_pattern(polarisation=...)"
-        ) from None
-    return theta, phi, *of_co_and_cross(co, cross, jones), jones
+    axes = {"theta": "theta", "phi": "phi", "field": "theta phi", "cross_field": "theta phi"}
+    maker = f"read_pattern or radiation_pattern(polarisation=...) as {name}"
+    theta, phi, co, cross, state = arrays_of(pattern, axes, maker, "polarisation")
+    order = np.ix_(np.argsort(theta), np.argsort(phi))
+    jones = np.asarray(state, np.float64).view(np.complex128)
+    x, y = of_co_and_cross(co[order], cross[order], jones)
+    return np.sort(theta), np.sort(phi), x, y, jones
 
 
 def polar_components(x: Complex, y: Complex, phi: Floats) -> tuple[Complex, Complex]:

@@ -213,10 +213,6 @@ def _pattern_of(table: FarFieldTable) -> xarray.Dataset:
 
     Raises FileFormatError for repeated, missing or contradictory directions.
     """
-    if len(np.unique(np.stack([table.theta, table.phi]).round(6), axis=1).T) < len(table.theta):
-        raise FileFormatError(
-            "some directions occur several times in the file; keep one row for each direction"
-        )
     fields = table.fields.conj() / math.sqrt(2 * FREE_SPACE)
     flat = _folded(table.theta, table.phi, fields)
     axes = np.unique(flat[0]), np.unique(flat[1])

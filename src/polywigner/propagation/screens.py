@@ -241,11 +241,7 @@ def field_of_screen(
 
     Raises ArgumentError unless ``method`` is a boundary condition.
     """
-    if method not in CONDITIONS:
-        raise ArgumentError(
-            f"the field behind a screen requires one of the methods {', '.join(CONDITIONS)}, got "
-            f"{method!r}"
-        )
+    checked_choice(method, "the method behind a screen", CONDITIONS)
     light = screen.illuminated_by
     if isinstance(light, PointSource):
         mirrored = CONDITIONS[method].mirrored

@@ -400,12 +400,7 @@ class Pattern:
         if self.polarisation is not None:
             checked_choice(self.polarisation, "polarisation", get_args(Channel))
         if self.to_transmitter is not None:
-            self.to_transmitter = checked_unit_vectors("to_transmitter", self.to_transmitter)
-            if self.to_transmitter.ndim > 1:
-                raise ArgumentError(
-                    "to_transmitter must be a single unit vector (3,), got shape "
-                    f"{self.to_transmitter.shape}"
-                )
+            self.to_transmitter = checked_unit_vectors("to_transmitter", self.to_transmitter, 3)
         self.facets = facets_of(body)
         self.bounces = checked_count(self.bounces, "bounces", 1, MOST_BOUNCES)
 

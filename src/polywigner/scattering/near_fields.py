@@ -57,9 +57,9 @@ Source = Aperture | Array
 _UNIT = 1e-6
 
 
-def checked_unit_vectors(name: str, vectors: Any) -> Floats:
-    """Return unit vectors, shape (..., 3), with their length corrected to 1."""
-    array = unit_vectors_as_given(name, vectors)
+def checked_unit_vectors(name: str, vectors: Any, *shape: Any) -> Floats:
+    """Return unit vectors (..., 3), or one of ``shape`` (3,), with their length corrected to 1."""
+    array = unit_vectors_as_given(name, vectors, *shape)
     return np.asarray(array / np.linalg.norm(array, axis=-1, keepdims=True))
 
 

@@ -187,7 +187,7 @@ def thinned(positions: ArrayLike, fill: float, seed: int, taper: ArrayLike | Non
     Raises
     ------
     ArgumentError
-        If an argument has the wrong shape or range, or no element is drawn.
+        If an argument has the wrong shape or range.
 
     References
     ----------
@@ -209,10 +209,6 @@ def thinned(positions: ArrayLike, fill: float, seed: int, taper: ArrayLike | Non
         )
     random = np.random.default_rng(checked_count(seed, "seed", 0))
     is_drawn = random.random(len(layout)) < density * (fraction / density.mean())
-    if not is_drawn.any():
-        raise ArgumentError(
-            "no element was drawn with this seed; use another seed, or a larger fill"
-        )
     return layout[is_drawn]
 
 

@@ -20,9 +20,9 @@ from polywigner.geometry.arguments import (
     checked_count,
     checked_length,
     checked_number,
-    checked_vectors,
     complex_array,
     finite_array,
+    real_array,
     takes_frequency,
 )
 from polywigner.geometry.illumination import Illumination
@@ -34,13 +34,14 @@ _UNIT = 1e-6
 _ADVICE = "divide the vector by its length"
 
 
-def checked_unit_vectors(name: str, vectors: Any) -> Floats:
+def checked_unit_vectors(name: str, vectors: Any, *shape: Any) -> Floats:
     """Return unit vectors (..., 3); raise ArgumentError if a length differs from 1 by over 1e-6.
 
-    The vectors are not normalised. ``name``: name in the message.
+    The vectors are not normalised. ``name``: name in the message. ``shape``: (3,) for one vector.
     """
-    expected = f"expected {name} to be unit vectors of shape (..., 3)"
-    array = checked_vectors(vectors, expected, (3,))
+    shape_text = "(3,)" if shape else "(..., 3)"
+    expected = f"expected {name} to be unit vectors of shape {shape_text}"
+    array = real_array(vectors, expected, shape or (..., 3))
     length = np.linalg.norm(array, axis=-1)
     wrong = ~(np.abs(length - 1) <= _UNIT)
     if wrong.any():
@@ -56,8 +57,7 @@ def unit_vector(direction: Any) -> Floats:
 
     Lengths may differ from 1 by 1e-6; the vector is not normalised.
     """
-    expected = "expected a direction as a unit vector of shape (3,)"
-    vector = checked_unit_vectors("direction", finite_array(direction, expected, (3,)))
+    vector = checked_unit_vectors("direction", direction, 3)
     if vector[2] < 0:
         raise ArgumentError(
             "expected a direction in front of the aperture, with a z component of at least "
