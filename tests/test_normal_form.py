@@ -86,11 +86,10 @@ def test_poses_in_the_plane_are_applied():
 
 def test_a_repeated_element_is_found_among_many_elements():
     places = pw.arrays.grid_positions(6, 5, 3.0, 2.5)
-    copies = pw.Array([SQUARE.moved(place) for place in places])
-    lattice = normal_form(copies).lattice
-    assert lattice is not None and lattice.positions == pytest.approx(places - places[0])
-    assert lattice.sites is not None and lattice.sites.weights.size == 30
-    assert normal_form(SOURCES["array"]).lattice is None
+    copies = normal_form(pw.Array([SQUARE.moved(place) for place in places])).copies
+    assert copies is not None and copies.positions == pytest.approx(places - places[0])
+    assert copies.lattice is not None and copies.lattice.weights.size == 30
+    assert normal_form(SOURCES["array"]).copies is None
 
 
 @pytest.mark.parametrize("taper", [[1.0, 1.0], [1.0, 2.0, -2.0, 2.0, 1.0]])

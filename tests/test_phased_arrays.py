@@ -87,13 +87,13 @@ def test_many_copies_in_a_plain_array_are_recognised():
             for copy, factor in zip(array.elements, factors, strict=True)
         ]
         plain = pw.Array(copies, array.weights / factors)
-        assert plain.repeated is None and normal_form(plain).lattice is not None
+        assert plain.repeated is None and normal_form(plain).copies is not None
         x, xi, nu = _points(array, 40, 9)
         scale = float(np.abs(array.weights).sum()) ** 2
         assert np.abs(pw.wigner(plain, x, nu) - pw.wigner(array, x, nu)).max() < 1e-13 * scale
         a = pw.ambiguity(plain, nu, xi)
         assert np.abs(a - pw.ambiguity(array, nu, xi)).max() < 1e-13 * scale
     other = [*array.elements[:-1], ELL]
-    assert normal_form(pw.Array(other, array.weights)).lattice is None
+    assert normal_form(pw.Array(other, array.weights)).copies is None
     bent = pw.Aperture(array.elements[-1].rings[0] + [[0, 0], [0, 1e-9], [0, 0], [0, 0]])
-    assert normal_form(pw.Array([*array.elements[:-1], bent], array.weights)).lattice is None
+    assert normal_form(pw.Array([*array.elements[:-1], bent], array.weights)).copies is None

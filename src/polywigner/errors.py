@@ -30,7 +30,7 @@ _LONGEST = 80
 
 
 def value_text(value: object) -> str:
-    """Return a value as one short line of text, for an error message."""
+    """Return a value as one line of at most 80 characters, for an error message."""
     text = " ".join(repr(value).split())
     shape = getattr(value, "shape", ())
     if shape and len(text) > _LONGEST:

@@ -101,7 +101,7 @@ class FMCW:
 
     @property
     def frequencies(self) -> Floats:
-        """Frequencies of the samples in Hz, shape (samples,)."""
+        """Radio frequencies of the samples in Hz, shape (samples,)."""
         return np.asarray(self.start + self.bandwidth / self.samples * np.arange(self.samples))
 
     @property
@@ -131,7 +131,7 @@ class FMCW:
 
     @property
     def noise_gain(self) -> float:
-        """Ratio of the noise power in the spectrum to the noise power of a sample."""
+        """Noise power of a spectrum value divided by the noise power of a sample, here 1."""
         return 1.0
 
     def from_spectrum(self, spectrum: Complex) -> Complex:
@@ -184,18 +184,24 @@ class Pulse(FMCW):
 
     @property
     def noise_gain(self) -> float:
-        """Ratio of the noise power in the spectrum to the noise power of a sample."""
+        """Noise power of a spectrum value divided by the noise power of a sample.
+
+        It equals the number of samples.
+        """
         return float(self.samples)
 
     def from_spectrum(self, spectrum: Complex) -> Complex:
         """Convert amplitudes at all frequencies to samples in time, shape (..., samples).
 
-        The largest sample of a single path equals its amplitude.
+        A path at the centre of a range bin gives one sample with the modulus of its amplitude.
         """
         return np.fft.fft(spectrum) / self.samples
 
     def to_spectrum(self, signal: Complex) -> Complex:
-        """Convert samples in time, shape (..., samples), to amplitudes at all frequencies."""
+        """Convert samples in time, shape (..., samples), to amplitudes at all frequencies.
+
+        This is the exact inverse of :meth:`from_spectrum`.
+        """
         return np.fft.ifft(signal) * self.samples
 
 
@@ -213,10 +219,10 @@ def parse_waveform(text: str | FMCW) -> FMCW:
     Parameters
     ----------
     text : str or FMCW
-        A string such as ``"76 GHz + 1 GHz, 256 samples at 20 MHz, 64 chirps every 60 us"``. With
-        ``bursts`` instead of ``chirps``, the result is a :class:`SteppedFrequency`. With
-        ``pulses``, it is a :class:`Pulse`, whose sampling rate may be omitted. A waveform is
-        returned unchanged.
+        A string with the start frequency, the bandwidth and the timing, such as
+        ``"76 GHz + 1 GHz, 256 samples at 20 MHz, 64 chirps every 60 us"``. With ``bursts`` instead
+        of ``chirps``, the result is a :class:`SteppedFrequency`. With ``pulses``, it is a
+        :class:`Pulse`, whose sampling rate may be omitted. A waveform is returned unchanged.
 
     Returns
     -------
@@ -256,7 +262,7 @@ def waveform_attrs(waveform: FMCW) -> dict[str, Any]:
 
 
 def waveform_of(cube: Any) -> FMCW:
-    """Return a new waveform from the attributes of a data cube; raise ArgumentError for others."""
+    """Return a new waveform from the attributes of a data cube, or raise ArgumentError."""
     try:
         names = [field.name for field in fields(FMCW)]
         if tuple(cube["signal"].dims) == CUBE_DIMS:
@@ -294,8 +300,8 @@ def range_doppler(cube: Any, window: str = "hann", pad: int = 1) -> xarray.DataA
     -------
     xarray.DataArray
         Power in W with the dimensions draw, receiver, emitter, ``range_rate`` in m/s (positive for
-        receding objects) and ``range`` in m. The attribute ``noise_floor`` is the mean noise power
-        of a bin in W for each receiver.
+        receding objects) and ``range`` in m (half the path length). The attribute
+        ``noise_floor`` is the mean noise power of a bin in W for each receiver.
 
     Raises
     ------
@@ -407,7 +413,8 @@ def detections(
         Power from :func:`range_doppler` or :func:`range_angle`.
     guard, training : sequence of two int
         Numbers of guard bins, which are skipped, and of training bins, which are averaged, on each
-        side of a bin. Each pair contains the numbers for the last two axes.
+        side of a bin. Each pair contains the numbers for the last two axes. Beyond its edges, the
+        map is periodic along ``range_rate`` and mirrored along other axes.
     false_alarm : float, default 1e-6
         Probability of a detection in a bin that contains only noise.
 
@@ -480,10 +487,11 @@ def _by_rate(cube: Any, window: str, pad: int) -> tuple[Complex, Floats, float]:
 
 
 def _by_range(cube: Any, spectra: Complex, window: str, pad: int) -> tuple[Complex, Floats, float]:
-    """Transform spectra to ranges; return values, ranges in m, and the gain of noise power.
+    """Transform spectra to ranges.
 
-    ``spectra`` has the frequencies of the waveform along its last axis. ``pad`` is the number of
-    bins per resolution cell.
+    Returns values (..., range), ascending ranges in m from zero, and the noise power of a value
+    relative to a sample. ``spectra`` has the frequencies of the waveform along its last axis.
+    ``pad`` is the number of bins per resolution cell.
     """
     waveform = waveform_of(cube)
     bins = waveform.samples * checked_count(pad, "pad", 1, 64)

@@ -140,7 +140,7 @@ def _laws(source: Aperture | Slits | Array, points: int, seed: int) -> Iterator[
 
 
 def _lattice(low: Floats, high: Floats) -> tuple[Floats, float]:
-    """Return the points (n, d) of a lattice that fills a box, and the volume of one cell."""
+    """Return the points (n, d) of a rank-1 lattice that fills a box, and the volume per point."""
     k = np.arange(_LATTICE)
     unit = np.column_stack([k + 0.5, (k * _STEP) % _LATTICE + 0.5])[:, : len(low)] / _LATTICE
     return low + unit * (high - low), math.prod((high - low).tolist()) / _LATTICE

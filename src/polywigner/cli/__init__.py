@@ -61,7 +61,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _is_interruption(error: BaseException | None) -> bool:
-    """Return whether Ctrl-C caused an error; Mitsuba and Dr.Jit replace KeyboardInterrupt."""
+    """Return whether an error, or an earlier one in its chain, is or mentions KeyboardInterrupt.
+
+    Mitsuba and Dr.Jit replace KeyboardInterrupt with other errors.
+    """
     while error is not None:
         if isinstance(error, KeyboardInterrupt) or "KeyboardInterrupt" in str(error):
             return True
@@ -103,7 +106,7 @@ def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
 
 
 def _report(message: str, code: int) -> int:
-    """Write a message on stderr as a single line, and return the exit code."""
+    """Write "polywigner: " and a message as one line on stderr, and return the exit code."""
     sys.stderr.write("polywigner: " + " ".join(message.split()) + "\n")
     return code
 

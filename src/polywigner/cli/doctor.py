@@ -39,7 +39,8 @@ def doctor(
 ) -> None:
     """Report which parts work on this machine, and how to install the others.
 
-    Tests the engines, the LLVM library, the GPU and the extras.
+    Tests the engines, the LLVM library, the GPU and the extras. The exit code is 1 if the NumPy
+    engine does not work, otherwise 0.
     """
     if install_llvm:
         llvm.install_llvm()
@@ -111,7 +112,7 @@ def _rendering_row(llvm: LLVMStatus, gpu: Row) -> Row:
 
 
 def _last_line(text: str) -> str:
-    """Return the last line of the output of a process."""
+    """Return the last line of the output of a process, or "no message"."""
     return (text.strip().splitlines() or ["no message"])[-1].strip()
 
 
@@ -153,7 +154,7 @@ def _extras() -> list[Row]:
 
 
 def _version(name: str) -> str | None:
-    """Return the installed version of a library, or None if it is not installed."""
+    """Return the installed version of a distribution, or None if it is not installed."""
     try:
         return importlib.metadata.version(name)
     except importlib.metadata.PackageNotFoundError:

@@ -47,11 +47,11 @@ class LensOptions(SourceOptions):
     ] = None
 
     def series(self) -> list[float]:
-        """Return the values of ``--defocus`` in waves."""
+        """Return the values of ``--defocus``, W20 in waves at the pupil's edge."""
         return list(parse_numbers("--defocus", self.defocus, "-1, 0, 1"))
 
     def read_lens(self) -> Lens:
-        """Return the pupil and the lens; raise errors in the options that describe the lens."""
+        """Return the lens with its pupil; raise errors in the options that describe the lens."""
         if self.wavelengths is None:
             pupil, length = self.read_with_wavelength()
             lengths = [length]
@@ -88,7 +88,7 @@ class Lens(NamedTuple):
     aberration: Aberration | None
 
     def settings(self, options: LensOptions) -> dict[str, Any]:
-        """Return the attributes of the dataset that a command writes."""
+        """Return the attributes of the output: file, wavelengths, focal length, Zernike terms."""
         about: dict[str, Any] = {"source": Path(options.source).name}
         about |= {"wavelengths": self.wavelengths, "focal_length": self.distance}
         return about if options.zernike is None else {**about, "zernike": options.zernike}
@@ -157,8 +157,9 @@ def mtf(
 ) -> None:
     """Compute the modulation transfer function of a lens with a pupil, along x and y.
 
-    Writes a figure NAME_mtf.png and a table NAME_mtf.csv up to the cutoff, in cycles/mm. In the
-    figure the pupil without aberrations is dashed, and frequencies of reversed contrast are marked.
+    Writes a figure NAME_mtf.png and a table NAME_mtf.csv in cycles/mm, up to the cutoff of the
+    shortest wavelength. In the figure the pupil without aberrations is dashed, and frequencies of
+    reversed contrast are marked.
     """
     options.check()
     series = options.series()

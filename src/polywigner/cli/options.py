@@ -53,7 +53,7 @@ Scheduler = Annotated[Text, "Address of a trusted dask scheduler, such as tcp://
 
 
 def parse_step(text: str, least: float, largest: float) -> float:
-    """Parse a step of angles; the step and its limits are in degrees."""
+    """Parse a step of angles, such as "0.5 deg", to degrees; the limits are in degrees too."""
     step = math.degrees(parse_angle(text))
     if not (1 - 1e-9) * least <= step <= largest:  # The conversion has rounding errors.
         expected = f"an angle of at least {least:.2g} deg and up to {largest:g} deg"
@@ -73,7 +73,7 @@ def parse_numbers(option: str, text: str, example: str) -> tuple[float, ...]:
 
 
 def parse_coefficients(text: str) -> dict[int, float]:
-    """Return coefficients by index from a string such as "4: 0.05, 11: 0.1"."""
+    """Parse the coefficients of --zernike, such as "4: 0.05, 11: 0.1", by their Noll index."""
     try:
         pairs = [part.split(":") for part in text.split(",")]
         numbers = {int(index): float(value) for index, value in pairs}
@@ -137,7 +137,10 @@ _KNOWN_SUFFIXES = (
 
 
 def output_stem(out: str | None, name: str) -> Path:
-    """Return the path of the output files without suffix, from --out and a default name."""
+    """Return the path of the output files without suffix, from --out and a default name.
+
+    If --out is a folder, the default name is appended. A known suffix of --out is removed.
+    """
     if out is None:
         return Path(name)
     path = Path(out)
@@ -252,7 +255,7 @@ class SceneOptions:
     floor_db: DbFloor = -40.0
 
     def edges(self, default_bins: int) -> NDArray[np.float64] | None:
-        """Return the edges of the range bins in metres, or None without --range."""
+        """Return the edges of the range bins, half path lengths in metres; None without --range."""
         import numpy as np
 
         if self.range_text is None:
@@ -273,7 +276,8 @@ class SceneOptions:
     def running(self, variant: str, file: Path) -> Iterator[Path | None]:
         """Yield the path of the zarr store of a resumable run, or None for other runs.
 
-        At the end of the block, the store is removed, and Mitsuba's log messages become warnings.
+        The store is next to the output ``file``. After a block without errors, the store is removed
+        and Mitsuba's log messages become warnings.
         Raises MissingExtraError if a required library is not installed.
         """
         from polywigner.mitsuba.radar.range_film import require_transients

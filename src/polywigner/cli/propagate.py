@@ -90,7 +90,7 @@ class FieldOptions(FieldSourceOptions):
         return methods, (exact or list(methods))[-1]
 
     def arguments(self, obstacles: Sequence[Polyhedron | PlacedAperture]) -> dict[str, Any]:
-        """Return keyword arguments for functions such as :func:`polywigner.volume`."""
+        """Return the arguments of :func:`polywigner.volume` that are the same for all methods."""
         return {
             "bandwidth": None if self.bandwidth is None else parse_frequency(self.bandwidth),
             "tolerance": self.accuracy,
@@ -247,7 +247,8 @@ def volume(
 def print_differences(fields: Mapping[Any, xarray.DataArray], reference: str) -> None:
     """Print the largest and the rms level difference of each method from the reference, in dB.
 
-    Points 30 dB or more below the peak of the reference, and values of zero or below, are excluded.
+    Points more than 30 dB below the peak of the reference, and values of zero or below, are
+    excluded.
     """
     from polywigner.figures.levels import COMPARED_DB, summary
 
@@ -316,7 +317,7 @@ class Region(NamedTuple):
 
 
 def parse_region(texts: Mapping[str, str | None], samples: str | None) -> Region:
-    """Parse the only option that is not None: a line, an arc, a plane or a hemisphere."""
+    """Parse the option for a region; raise ArgumentError unless exactly one is not None."""
     regions = {name: text for name, text in texts.items() if text is not None}
     if len(regions) != 1:
         got = " and ".join(f"--{name}" for name in regions) or "none"
@@ -344,7 +345,7 @@ def parse_region(texts: Mapping[str, str | None], samples: str | None) -> Region
 
 
 def _parse_arc(text: str, shape: tuple[int, ...]) -> Region:
-    """Parse "DISTANCE, AZIMUTH, LARGEST ANGLE" into a region; the angles are optional."""
+    """Parse "DISTANCE, AZIMUTH, LARGEST ANGLE"; the angles are 0 and 80 degrees by default."""
     distance, *angles = _split_and_strip(text, ",")
     if len(angles) > 2:
         raise QuantityError(

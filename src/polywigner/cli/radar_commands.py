@@ -132,7 +132,7 @@ def _angular_steps(
 
 
 def write_rows(patterns: Sequence[xarray.Dataset], path: Path) -> None:
-    """Write patterns as CSV with one row per direction in degrees, and "nan" for NaN."""
+    """Write patterns as CSV: azimuth and elevation in degrees, and cross section in m^2."""
     import numpy as np
 
     for number, pattern in enumerate(patterns):
@@ -144,7 +144,10 @@ def write_rows(patterns: Sequence[xarray.Dataset], path: Path) -> None:
 
 
 def _rcs_summary(patterns: Sequence[xarray.Dataset], floor_db: float) -> str:
-    """Return the text to print: the largest cross section, its direction, and the method."""
+    """Return the text to print: the largest cross section, its direction, and the method.
+
+    ``floor_db``: lowest level of the figure relative to the largest cross section.
+    """
     pattern = max(patterns, key=lambda each: float(each.attrs["largest_rcs"]))
     largest = pattern["rcs"].isel(pattern["rcs"].argmax(["azimuth", "elevation"]))
     peak = 10 * math.log10(float(largest))

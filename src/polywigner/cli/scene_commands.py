@@ -138,9 +138,9 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
 
 
 def _emitter_parameters(scene: Any, name: str) -> list[Any]:
-    """Return the parameters of all Wigner emitters, whose wavelengths are checked.
+    """Return the parameters of all Wigner emitters; warn if a wavelength is implausible.
 
-    Raises SceneError if there are none.
+    Raises SceneError if there are no emitters.
     """
     specs = [emitter.spec for emitter in scene.emitters() if hasattr(emitter, "spec")]
     if not specs:
@@ -314,7 +314,10 @@ def _draw_receivers(
     titles: Sequence[str],
     floor_db: float,
 ) -> Figure:
-    """Draw the power by direction of arrival, with one panel for each receiver."""
+    """Draw the power by direction of arrival, with one panel for each receiver.
+
+    ``names``: for each receiver, the direction cosines (s_x, s_y) of each label.
+    """
     from polywigner.figures.scene_plots import DirectArrival, draw_arrivals
     from polywigner.figures.style import new_figure
     from polywigner.mitsuba.receive.power_results import dbm_text

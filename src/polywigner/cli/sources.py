@@ -71,7 +71,7 @@ class ReadingOptions:
     union: Annotated[bool, "Join shapes of an aperture file that overlap."] = False
 
     def check_file(self, path: str) -> None:
-        """Raise errors in the path and the tolerance before large libraries are imported."""
+        """Raise errors about a path and the tolerance before large libraries are imported."""
         self.reading_arguments()
         if not os.path.isfile(path):  # noqa: PTH113 (pathlib raises for a name too long)
             raise FileFormatError(
@@ -133,7 +133,7 @@ class SourceOptions(ReadingOptions, WaveOptions):
         self.length()
 
     def read(self) -> tuple[Aperture | ApertureArray, float | None]:
-        """Return the source, and its wavelength in metres from the options or from the file.
+        """Return the source, and its wavelength in metres from the options, else from the file.
 
         The wavelength is None if neither specifies one.
         """
@@ -170,7 +170,7 @@ class SourceOptions(ReadingOptions, WaveOptions):
             )
 
     def polarisation(self) -> NDArray[np.complex128] | None:
-        """Return the Jones vectors in a source file, or None if the file specifies none."""
+        """Return the Jones vectors (2,) or (n, 2) in a source file, or None if it has none."""
         from polywigner import read_polarisation
 
         is_source = _is_source_file(self.source)
@@ -183,7 +183,7 @@ class SourceOptions(ReadingOptions, WaveOptions):
 
 
 def check_wavelength(wavelength: float, diameter: float) -> None:
-    """Warn if a wavelength in metres is implausible for the diameter of an aperture in metres."""
+    """Warn if a wavelength is implausible for a diameter (both in m)."""
     from polywigner.geometry.arguments import doubt_of_wavelength
 
     doubt = doubt_of_wavelength(wavelength, diameter)
@@ -200,7 +200,7 @@ def field_title(path: str, wavelength: float) -> str:
 
 
 def short_name(path: str) -> str:
-    """Return the file name for a title; for ``scene.xml``, the name of its folder."""
+    """Return the file name for a title (up to 32 characters); for ``scene.xml``, its folder."""
     file = Path(path)
     name = file.resolve().parent.name if file.stem == "scene" else file.name
     if len(name) > _LONGEST_NAME:
@@ -263,7 +263,8 @@ class FieldSourceOptions(SourceOptions):
     ) -> Polyhedron | PlacedAperture:
         """Return an obstacle with its z axis rotated to theta, phi, then moved to ``origin``.
 
-        ``origin`` is in m, and ``angles`` are theta and phi in rad.
+        ``origin`` is in m, and ``angles`` are theta and phi in rad. The axis of the rotation is
+        normal to z.
         """
         import numpy as np
 
@@ -283,7 +284,10 @@ class FieldSourceOptions(SourceOptions):
 
 
 def _parse_obstacle(text: str) -> tuple[str, tuple[float, ...], tuple[float, ...]]:
-    """Parse "FILE at X, Y, Z towards THETA, PHI" into the file, a point in m and angles in rad."""
+    """Parse "FILE at X, Y, Z towards THETA, PHI" into the file, a point in m and angles in rad.
+
+    The point and the angles are 0 by default.
+    """
     path, at, placement = text.rpartition(" at ")
     if not at:
         return text, (0.0, 0.0, 0.0), (0.0, 0.0)

@@ -80,7 +80,7 @@ def checked_engine(engine: str) -> str:
 
 
 def checked_precision(precision: str | None) -> str | None:
-    """Return a precision or None. Raises ArgumentError if the name is invalid."""
+    """Return "double", "single" or None. Raises ArgumentError for other values."""
     return None if precision is None else checked_choice(precision, "precision", _PRECISIONS)
 
 
@@ -136,7 +136,10 @@ def planned(
 
 
 def _engine_for(engine: str, is_large: bool) -> str:
-    """Return the engine of a call. "auto" selects LLVM for a large call, if LLVM is usable."""
+    """Return the engine of a call. "auto" selects LLVM for a large call, if LLVM is usable.
+
+    Raises EngineError if the requested engine is not available.
+    """
     if checked_engine(engine) == "llvm":
         llvm.require()
     elif engine == "cuda":
@@ -164,7 +167,7 @@ def takes_data(kernel: Kernel, tables: Any) -> bool:
 
 @contextmanager
 def uncompiled() -> Iterator[None]:
-    """Select NumPy for the engine ``"auto"`` within the block.
+    """Select NumPy for the engine ``"auto"`` within the block, in the calling thread.
 
     Mitsuba loads scenes in Dr.Jit's threads. A Dr.Jit thread that waits for a kernel can crash the
     process.

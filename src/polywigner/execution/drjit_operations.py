@@ -76,7 +76,10 @@ class DrjitOperations(RowByRow):
         return self.plain_sum(0, len(rows), of_row, values)
 
     def sum_large_terms(self, rows: Sequence[Row], term: Term, clips: int) -> Values:
-        """Return sums of terms with ``clips`` clipped edges, unrolled if compilation is fast."""
+        """Return the sums of ``term(*row)`` over all rows, unrolled if compilation is fast.
+
+        ``clips`` is the number of clipped edges in each term.
+        """
         if len(rows) * clips <= _MOST_CUTS_AS_CODE:
             return unrolled_sum(rows, term)
         return self.sum_over(rows, term, len(term(*rows[0])), None, unroll=False)
@@ -84,8 +87,8 @@ class DrjitOperations(RowByRow):
     def repeated(self, count: int, state: Values, step: Term, like: Any) -> Values:
         """Return the state after ``count`` steps ``state = step(number, *state)``.
 
-        Steps are unrolled if ``like`` has derivatives, because reverse mode would store all states
-        of a loop.
+        The number starts at 0. Steps are unrolled if ``like`` has derivatives, because reverse mode
+        would store all states of a loop.
         """
         if count <= _MOST_STEPS_AS_CODE or self.needs_gradient(like):
             return unrolled_steps(count, state, step)
@@ -119,7 +122,7 @@ class DrjitOperations(RowByRow):
         return value[0] if self._dr.depth_v(value) > 1 else value
 
     def lookup(self, table: Sequence[float], index: Any) -> Drjit:
-        """Return table[index] for valid indices. The indices may be floats."""
+        """Return table[index] for valid indices. Indices may be floats, which are truncated."""
         memory = array_of(self.float_type, table)
         return self._dr.gather(self.float_type, memory, self._numbers(index))
 
@@ -190,7 +193,7 @@ class DrjitOperations(RowByRow):
         return tuple(result)
 
     def _initial(self, value: Any) -> Drjit:
-        """Return a Python number as a Dr.Jit array, for the initial state of a loop."""
+        """Return a Python float as a Dr.Jit value, an int as row indices, others unchanged."""
         kinds = {float: self.value_type, int: self._numbers}
         return kinds[type(value)](value) if type(value) in kinds else value
 
@@ -203,7 +206,7 @@ class DrjitOperations(RowByRow):
     ) -> Values:
         """Return the sums of ``term(*row, *samples)`` over the table ``rules[rule]``.
 
-        The index -1 gives a sum of 0.
+        ``rule`` contains whole floats. The index -1 gives a sum of 0.
         """
         ends = np.cumsum([len(table) for table in rules])
         starts = ends - [len(table) for table in rules]

@@ -191,13 +191,14 @@ def evaluate(
     components : sequence of ndarray
         Components of the points in float64 or float32. They must broadcast against each other.
     double : bool
-        Whether sums are computed in float64.
+        Whether sums and new arrays use float64 instead of float32.
     engine : str
         Requested engine.
     outputs : int
         Number of results.
     into : sequence of ndarray, optional
-        Arrays for the results, of the broadcast shape. By default new arrays are returned.
+        Arrays for the results, of the broadcast shape, which are also returned. By default new
+        arrays are returned.
     shear : callable, optional
         Function that converts the components to the arguments of the kernel, block by block if
         slices are shared.
@@ -258,7 +259,7 @@ _is_explained: ContextVar[bool] = ContextVar("_is_explained", default=False)
 
 
 def explained(call: Callable[[], object]) -> Plan | None:
-    """Return the plan of the first kernel that ``call()`` evaluates, without computing anything.
+    """Run ``call()`` up to its first kernel, and return the plan of this kernel.
 
     Returns None if the call evaluates no kernel on NumPy arrays.
     """
@@ -275,7 +276,7 @@ def explained(call: Callable[[], object]) -> Plan | None:
 def _on_numpy(
     kernel: Kernel, tables: Any, components: Sequence[Array], shear: Shear | None = None
 ) -> tuple[Array, ...]:
-    """Return the flat results of a kernel at points that broadcast, computed by NumPy."""
+    """Return the results (n,) of a kernel at points that broadcast, computed by NumPy."""
     # Infinite and NaN arguments give NaN without a warning.
     with np.errstate(invalid="ignore", over="ignore"):
         if shear is not None:
@@ -292,7 +293,7 @@ def _on_numpy(
 def _in_chunks(
     kernel: Kernel, tables: Any, components: Sequence[Array], results: Sequence[Array]
 ) -> Launched:
-    """Yield the results of chunks of samples, computed by NumPy."""
+    """Yield chunks of samples, computed by NumPy, for :func:`store`."""
     for arguments, targets in parts_of_results(components, results, _CHUNK):
         yield targets, ..., ready(_on_numpy(kernel, tables, arguments)[: len(results)])
 
@@ -336,6 +337,9 @@ def shared_rows(
 ) -> SharedRows | None:
     """Return the arguments as rows of samples at the same position.
 
+    ``edge_sum`` is the attribute of the kernel, and ``shape`` the broadcast shape of the
+    components.
+
     The result is None if the kernel computes no slices, or if the broadcast axes cannot be divided
     into axes of positions and axes of at least 64 frequencies.
     """
@@ -373,7 +377,7 @@ def _in_row_blocks(
     results: Sequence[Array],
     shear: Shear | None,
 ) -> Launched:
-    """Yield the results of blocks of rows. The samples of a row share a slice."""
+    """Yield blocks of rows, whose samples share a slice, for :func:`store`."""
     slices, exact = kernel.edge_sum, kernel.tables_for(source, True)
     assert isinstance(slices, SliceSum)
     compiled = None
@@ -428,7 +432,7 @@ def evaluate_sums(
     positions : ndarray, shape (m, a)
         First arguments of the kernel.
     weights : ndarray, shape (m,)
-        Weight of each position.
+        Real weight of each position.
     points : ndarray, shape (n, b)
         Next arguments of the kernel.
     constants : sequence of float
@@ -464,7 +468,7 @@ def evaluate_rows(
     Parameters
     ----------
     term : callable
-        Function that returns ``outputs`` numbers.
+        Function that returns ``outputs`` numbers. ``row``, ``sample`` and ``constants`` are tuples.
     table : ndarray, shape (m, a)
         Rows over which ``term`` is summed.
     samples : ndarray, shape (n, b)

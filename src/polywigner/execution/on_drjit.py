@@ -81,7 +81,7 @@ _paused: list[bool] = []
 
 @contextmanager
 def without_collection() -> Iterator[None]:
-    """Disable garbage collection within the block.
+    """Disable garbage collection within the block, and restore its earlier state afterwards.
 
     Dr.Jit aborts the process if a thread that is recording frees an array that uses the memory of
     NumPy.
@@ -108,7 +108,8 @@ def frozen(function: Function, owners: Sequence[Any], *kind: Hashable) -> _Froze
     """Return a recorded version of a function of Dr.Jit arrays, from the cache if possible.
 
     The function must not depend on the number of samples, and must not allocate memory. The key of
-    the cache consists of ``owners``, compared by identity, and ``kind``. The attribute ``requests``
+    the cache consists of ``owners``, compared by identity, and ``kind``. If the key is known, the
+    cached function is returned and ``function`` is ignored. The attribute ``requests``
     of the result counts the calls of :func:`frozen` with this key.
     """
     key = (*map(id, owners), *kind)
@@ -139,8 +140,11 @@ def is_recordable(tables: Tables | OutlineTables) -> bool:
     return tables.coherence is None and tables.waves_per_cut <= MOST_PAIRS_AS_CODE
 
 
-def is_recording(kind: Any) -> bool:
-    """Return whether Dr.Jit is recording, or the backend is not LLVM."""
+def prevents_recording(kind: Any) -> bool:
+    """Return whether calls must not be recorded: in another recording, or without LLVM.
+
+    ``kind`` is a Dr.Jit float type.
+    """
     import drjit
 
     scopes = (drjit.JitFlag.SymbolicScope, drjit.JitFlag.FreezingScope)
@@ -160,7 +164,7 @@ class OnDrjit:
         """Yield results chunk by chunk; the components broadcast to the shape of the results."""
         kind = self.ops.float_type
         run: Callable[..., tuple[Any, ...]] = self._traced
-        if self.is_code and not is_recording(kind):
+        if self.is_code and not prevents_recording(kind):
             run = frozen(self._traced, (self.kernel, self.tables), kind)
         for arguments, targets in parts_of_results(components, results, CHUNK):
             yield (
@@ -180,8 +184,9 @@ class OnDrjit:
     def of_parts(self, inner: tuple[Any, ...], ends: Array, table: Array, is_real: bool) -> Fetch:
         """Start computing samples that share slices, and return a function that fetches results.
 
-        The results have the shape (rows, columns). The slice of row k consists of the edge parts
-        ``ends[k]`` to ``ends[k + 1]`` - 1 in ``table``.
+        The results have the shape (rows, columns). ``inner`` contains the arguments of the kernel
+        in the frame of the source. The slice of row k consists of the edge parts ``ends[k]`` to
+        ``ends[k + 1]`` - 1 in ``table``. ``is_real`` specifies that all weights are real.
         """
         ops, slices = self.ops, self.kernel.slices
         assert slices is not None
@@ -202,7 +207,7 @@ class OnDrjit:
         return _fetching(self.kernel.leave(ops, self.tables.frame, at, total), shape)
 
     def _looked_up(self, values: Any, shape: tuple[int, int], row: Any, column: Any) -> Drjit:
-        """Return the values of an argument, of a shape that broadcasts, at rows and columns."""
+        """Return an argument, which broadcasts to ``shape``, at the indices of rows and columns."""
         import drjit
 
         kind, (rows, columns) = self.ops.float_type, shape
@@ -222,7 +227,7 @@ def _fetching(results: Sequence[Any], shape: tuple[int, ...] = (-1,)) -> Fetch:
 
 
 def _split(kind: Any, rows: int, columns: int) -> tuple[Any, Any]:
-    """Return the row and the column index of each sample, without literals in the code."""
+    """Return the row and column of each sample, row by row, without literals in the code."""
     import drjit
 
     index = drjit.arange(drjit.uint32_array_t(kind), rows * columns)
@@ -268,9 +273,8 @@ def row_sums(
 _LEAST_EDGES_SORTED = 5
 # Samples per cell from which a lane of a vector computes several samples.
 _LEAST_PER_CELL = 8
-# Dr.Jit records a function again if equally sized arguments become different in size, or the
-# reverse. The size of table k is a multiple of _SIZES plus (k + 1) _APART, so no two tables have
-# equal sizes.
+# Dr.Jit records a function again if arguments of equal size get different sizes, or vice versa. The
+# size of table k is a multiple of _SIZES plus (k + 1) _APART, so no two tables have equal sizes.
 _SIZES, _APART = 256, 8
 
 
@@ -301,7 +305,8 @@ class OnDrjitData:
     def _begun(self, arguments: Sequence[Array]) -> tuple[Any, Fetch]:
         """Start the computation of a chunk of samples.
 
-        Returns the order of the samples, and a function that waits for their results.
+        Returns the index of the sample of each result (Ellipsis for an unchanged order), and a
+        function that waits for the results.
         """
         import drjit
 
@@ -349,7 +354,7 @@ class OnDrjitData:
         return self.kernel.leave(ops, frame, inner, sums)
 
     def _sent(self, number: int, table: Array) -> Drjit:
-        """Copy a table to the memory of the engine, padded to a size that depends on ``number``."""
+        """Copy table ``number`` to the memory of the engine, padded to a size of its own."""
         width = -(-table.size // _SIZES) * _SIZES + _APART * (number + 1)
         padded = np.zeros(width, table.dtype)
         padded[: table.size] = table.ravel()
@@ -398,7 +403,10 @@ class _Slices:
         return order_by_cell(self.slices, key, grid, inner, is_grouped=is_grouped)
 
     def summed(self, ops: DrjitOperations, send: Send, *inner: Any) -> Values:
-        """Return the sums over edge pairs for samples. ``send`` returns tables in memory."""
+        """Return the sums over edge pairs at the kernel's arguments ``inner``, for each sample.
+
+        ``send(table)`` returns the width of a table and its copy in memory.
+        """
         pairs = {key: grid.on_device(send) for key, grid in self.pairs.items()}
         return self.slices.by_pairs(ops, self.tables, pairs, *inner)
 
@@ -459,7 +467,10 @@ class _Edges:
         return ...
 
     def summed(self, ops: DrjitOperations, send: Send, *inner: Any) -> Values:
-        """Return the sums over edges for samples. ``send`` returns tables in memory."""
+        """Return the sums over edges at the kernel's arguments ``inner``, for each sample.
+
+        ``send(table)`` returns the width of a table and its copy in memory.
+        """
         rows, count = (send(table) for table in self.numbers)
         (end,) = ops.gather(count, ops.truncated(0.0))
         sums: Values = self.kernel.edge_sum(_OverRows(ops, rows, end), self.tables, *inner)
@@ -474,7 +485,7 @@ class _OverRows(DrjitOperations):
     def sum_over(
         self, rows: Any, term: Any, values: int, like: Any, *, unroll: bool = True
     ) -> Values:
-        """Return the sums of ``term`` over the rows in memory instead of ``rows``."""
+        """Return the sums of ``term`` over the rows in memory instead of ``rows``, in a loop."""
         columns = len(rows[0])
         return self.plain_sum(
             0, self.end, lambda row: term(*self.gather(self.rows, row)[:columns]), values

@@ -61,7 +61,7 @@ class Operations:
     """Key of tables in the memory of an engine. Operations with equal keys share the tables."""
 
     def needs_gradient(self, *values: Any) -> bool:
-        """Return whether any value takes part in automatic differentiation."""
+        """Return False, because only Dr.Jit arrays take part in automatic differentiation."""
         return False
 
     def first(self, value: Any) -> Any:
@@ -76,7 +76,7 @@ class _Unfused(Operations):
     lost = staticmethod(product_error)
 
     def sum_large_terms(self, rows: Sequence[Row], term: Term, clips: int) -> Values:
-        """Return the sums of terms with ``clips`` clipped edges over all rows."""
+        """Return the sums of ``term(*row)`` over all rows; ``clips`` has no effect."""
         return unrolled_sum(rows, term)
 
     def repeated(self, count: int, state: Values, step: Term, _: Any) -> Values:
@@ -139,9 +139,10 @@ class NumpyOperations(_Unfused):
     def sum_over_some(
         self, first: Any, end: Any, keep: Callable[..., Any], term: Term, values: int, *samples: Any
     ) -> list[Any]:
-        """Return the sums of ``term(row, *samples)`` over rows from ``first`` to ``end`` - 1.
+        """Return the sums of ``term(row, *samples)`` over row indices ``first`` to ``end`` - 1.
 
-        Rows for which ``keep(row, *samples)`` is false are skipped, because ``term`` is 0.
+        Each sample may have its own ``first`` and ``end``. Rows for which ``keep(row, *samples)``
+        is false are skipped, because ``term`` is 0.
         """
         shape = np.broadcast_shapes(np.shape(first), *map(np.shape, samples)) or (1,)
         count = math.prod(shape)
@@ -254,9 +255,10 @@ class RowByRow(Operations):
     ) -> Values:
         """Return the sums of ``term(level)`` over rows, where the level changes from row to row.
 
-        ``visit(row)`` returns whether the level is set, the new level, the change of the level
-        after the row, and ``term``. ``levels`` and ``values`` are the numbers of levels and of
-        sums. In single precision the sums are compensated, because terms may cancel.
+        The level starts at 0. ``visit(row)`` returns whether the level is set before the term, its
+        new value, the change of the level after the term, and ``term``. ``levels`` and ``values``
+        are the numbers of levels and of sums. In single precision the sums are compensated, because
+        terms may cancel.
         """
 
         def step(row: Any, *state: Any) -> Values:

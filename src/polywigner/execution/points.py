@@ -47,7 +47,10 @@ def _is_tensor(value: Any) -> bool:
 
 
 def sibling(float_type: type, name: str) -> Callable[..., Drjit]:
-    """Return a Dr.Jit type such as "Array2f" with the backend and precision of a float type."""
+    """Return the Dr.Jit type ``name`` with the backend and precision of a float type.
+
+    The name, such as "Array2f", is that of the type in single precision.
+    """
     suffix = "64" if float_type.__name__.endswith("64") else ""
     kind: Callable[..., Drjit] = getattr(sys.modules[float_type.__module__], name + suffix)
     return kind
@@ -112,7 +115,7 @@ def on_components(
     """Return ``function(points)`` as the kind of Dr.Jit array that the caller uses.
 
     Points that are not Dr.Jit arrays become component arrays if another argument is a component
-    array, and tensors otherwise.
+    array, and tensors otherwise. Complex tensors have a last axis of length 2.
 
     Parameters
     ----------

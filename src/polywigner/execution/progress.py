@@ -11,7 +11,8 @@ from typing import TypeVar
 from polywigner.geometry.arguments import checked_callable, checked_flag
 
 Part = TypeVar("Part")
-# Function to call after each part. Its argument is the number of finished parts, by default 1.
+# Function to call after each part. Its argument is the number of parts finished since the last
+# call, by default 1.
 Advance = Callable[..., None]
 # Function of the number of finished parts and the number of all parts.
 Report = Callable[[int, int], None]
@@ -37,8 +38,8 @@ def progress_bar(
 ) -> Iterator[Advance]:
     """Draw a progress bar on stderr, and erase it at the end of the block.
 
-    Yields a function to call after each part. Its argument is the number of finished parts, by
-    default 1.
+    Yields a function to call after each part. Its argument is the number of parts finished since
+    the last call, by default 1.
 
     Parameters
     ----------

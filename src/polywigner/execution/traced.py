@@ -21,8 +21,8 @@ from polywigner.execution.on_drjit import (
     frozen,
     is_code,
     is_recordable,
-    is_recording,
     order_by_cell,
+    prevents_recording,
     with_frame_as_data,
 )
 from polywigner.execution.operations import NumpyOperations
@@ -35,8 +35,8 @@ from polywigner.numerics.phases import Pair, cos_sin_cycles
 # Largest number of samples for which traced calls read edges from memory, because compiling edges
 # as code would take longer. Calls with at most as many samples may be recorded.
 _MOST_AS_DATA = 1 << 16
-# Number of the call from which calls with the same source are recorded, with up to 16 edges as
-# code. Tracing takes 1 to 3 ms in each call. Code compiles in 10 to 20 ms per edge.
+# Number of the call from which calls with the same source are recorded. Up to 16 edges are compiled
+# as code, in 10 to 20 ms per edge. Tracing takes 1 to 3 ms in each call.
 _FIRST_RECORDED = 8
 # Smallest number of samples, and smallest number of edges, for which samples are sorted by cell.
 # Sorting waits for the arguments and takes about 30 ns per sample.
@@ -76,7 +76,7 @@ class Differentiable:
 
     @property
     def numbers(self) -> dict[str, Drjit]:
-        """Dr.Jit arrays, with the keys ``"vertices"`` and ``"weights"``."""
+        """Dr.Jit arrays, with the keys ``"vertices"`` and ``"weights"``; constants have no key."""
         values = {"vertices": self.vertices, "weights": self.weights}
         return {name: value for name, value in values.items() if value is not None}
 
@@ -111,10 +111,11 @@ class _Accumulator:
         self.known: dict[tuple[int, int], tuple[Any, Any]] = {}
 
     def edge(self, begin: Any, end: Any, normal: tuple[Any, Any], at: tuple[Pair, Pair]) -> Pair:
-        """Return the sum of g (normal . v) over both vertices v of an edge, only for derivatives.
+        """Return the sum of g (normal . v) over both vertices v of an edge.
 
-        ``begin`` and ``end`` are indices of vertices. ``at`` contains the derivative g for a
-        displacement of each vertex by ``normal``, which is not a unit vector.
+        Only the derivatives of the result have a meaning, not its value. ``begin`` and ``end`` are
+        indices of vertices. ``at`` contains the derivative g for a displacement of each vertex by
+        ``normal``, which is not a unit vector.
         """
         total = Pair(0.0, 0.0)
         for number, gradient in zip((begin, end), at, strict=True):
@@ -123,7 +124,10 @@ class _Accumulator:
         return total
 
     def weight(self, number: Any, gradient: Pair, of_conjugate: Pair) -> Pair:
-        """Return the change due to changes of a weight and of its complex conjugate."""
+        """Return gradient × w + of_conjugate × conj(w) for the weight w at an index.
+
+        Only the derivatives of the result have a meaning, not its value.
+        """
         x, y = self._looked_up(self.weights, number)
         return gradient * Pair(x, y) + of_conjugate * Pair(x, -y)
 
@@ -252,7 +256,7 @@ def _recorded(
     import drjit
 
     is_large = max(map(drjit.width, components)) > _MOST_AS_DATA
-    if is_large or is_recording(ops.float_type) or drjit.grad_enabled(components):
+    if is_large or prevents_recording(ops.float_type) or drjit.grad_enabled(components):
         return None
     has_code = is_code(kernel, tables)
     if not (has_code or (takes_data(kernel, tables) and is_recordable(tables))):
@@ -281,13 +285,16 @@ def _order(
     components: Sequence[Drjit],
     numbers: Sequence[Any],
 ) -> NDArray[np.intp] | None:
-    """Return indices that sort samples by the cell of their offset; None if that saves no time."""
+    """Return indices that sort samples by the cell of their offset; None if that saves no time.
+
+    The shape is (n,) or (4, m), as for :func:`order_by_cell`.
+    """
     import drjit
 
     slices, count = kernel.slices, max(map(drjit.width, components))
     if slices is None or count < _LEAST_SORTED or len(tables.edges) < _LEAST_EDGES:
         return None
-    if is_recording(ops.float_type):
+    if prevents_recording(ops.float_type):
         return None
     arrays = [np.broadcast_to(drjit.detach(c).numpy(), count) for c in components]
     keys = slices.passes(tables)
@@ -359,7 +366,7 @@ def with_jacobian(
     """Return values as a ``Float`` with specified derivatives.
 
     Each column of ``jacobian`` contains the derivatives of all values with respect to one entry of
-    ``numbers``, a sequence of Dr.Jit floats.
+    ``numbers``, a sequence of Dr.Jit floats, in the order of the entries.
     """
     import drjit as dr
 

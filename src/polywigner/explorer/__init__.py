@@ -31,8 +31,8 @@ def start_state(
     """Return the initial state of the page: the outlines of an aperture file, or a chevron.
 
     The page uses the unit of the file, or mm if the page does not offer that unit. ``wave`` is a
-    frequency or a wavelength with its unit, and ``reading`` contains further arguments of
-    :func:`read_aperture`.
+    frequency or a wavelength with its unit, by default 94 GHz, and ``reading`` contains further
+    arguments of :func:`read_aperture`.
     """
     unit_of_page = {"um": "µm"}.get(unit, unit)
     state = State(unit=unit_of_page if unit_of_page in UNITS else "mm", wave=wave or State.wave)

@@ -111,7 +111,7 @@ class Explorer:
         return self.history.present
 
     def edit(self, gesture: str = "", **changes: Any) -> None:
-        """Change the state; all changes of a gesture form one undo step."""
+        """Change the state; successive changes of a named gesture form one undo step."""
         self._add_state(lambda: replace(self.state, **changes), gesture)
 
     def _add_state(self, new_state: Callable[[], State], gesture: str = "") -> None:
@@ -282,14 +282,14 @@ class Explorer:
         self._views.styles = {"grid-area": "views", "opacity": "1"}
 
     def _show_invalid(self, state: State, error: str) -> None:
-        """Show an error in the outlines, and fade the views."""
+        """Show an error in the outlines, and fade the views, unless ``state`` is outdated."""
         if state is self.state:
             self._views.styles = {"grid-area": "views", "opacity": "0.35"}
             self._status.object = "not computed"
             self._show_message(f"{error} The figures show an earlier outline.")
 
     def _show_ready(self, state: State) -> None:
-        """Show that all views are complete, with the errors and the Python code."""
+        """Show the Python code and the errors of failed views, unless ``state`` is outdated."""
         if state is not self.state:
             return
         self._status.object = "ready"
@@ -301,7 +301,7 @@ class Explorer:
         self._message.param.update(object=text, alert_type=kind, visible=bool(text))
 
     def _saved_view(self) -> View:
-        """Return the view that is selected for saving."""
+        """Return the view that is selected for saving; compute it if necessary."""
         name = self._saved.value
         if name not in self._computed_views:
             self._compute_view(self.state, name, views.SAMPLES)
@@ -332,7 +332,7 @@ class Explorer:
         ))  # fmt: skip
 
     def _log_slider(self, name: str, label: str) -> Widget:
-        """Return a slider for the decimal logarithm of a length."""
+        """Return a slider for the decimal logarithm of a length in the unit of the page."""
         low, high = map(math.log10, _LOG[name])
         slider = self._slider(name, label, low, high, 0.005)
         slider.format = CustomJSTickFormatter(code="return (10**tick).toPrecision(3)")
@@ -433,7 +433,7 @@ def _figure_pane(plot: figure) -> Viewable:
 
 
 def _view_key(state: State, name: Name) -> str:
-    """Return a string that identifies the figure of a view in a state."""
+    """Return a string that changes when a view must be computed again."""
     return views.snippet(state, name) + (state.part if name == "fourier" else "")
 
 

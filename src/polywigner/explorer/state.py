@@ -59,7 +59,8 @@ MAX_ELEMENTS = 256  # largest number of elements of an array
 def rings_of(aperture: Aperture, per_metre: float = 1) -> Rings:
     """Return the outlines of an aperture, rounded to a millionth of its diameter.
 
-    The aperture is in metres, and the outlines are in units of 1/``per_metre`` metre.
+    The aperture is in metres, and the outlines are in units of 1/``per_metre`` metre, without
+    repeated first vertices.
     """
     size = aperture.diameter * per_metre
     digits = max(0, 5 - math.floor(math.log10(size)))
@@ -117,14 +118,14 @@ class State:
 
     @property
     def box(self) -> tuple[float, float, float, float]:
-        """Bounds (xmin, ymin, xmax, ymax) of the outlines; zeros without outlines."""
+        """Bounds (xmin, ymin, xmax, ymax) in the unit of the page; zeros without outlines."""
         points = np.array([p for ring in self.rings for p in ring]).reshape(-1, 2)
         if not len(points):
             return 0.0, 0.0, 0.0, 0.0
         return (*map(float, points.min(0)), *map(float, points.max(0)))  # type: ignore[return-value]
 
     def with_width(self, width: float) -> State:
-        """Return the state with the outlines scaled about their centre to a given width.
+        """Return the state with the outlines scaled about their centre to a width in page units.
 
         Without outlines, and for widths of zero or less, the state is unchanged.
         """
@@ -215,7 +216,10 @@ def geojson(state: State) -> str:
 
 @lru_cache(maxsize=64)
 def aperture_of(rings: Rings, per_metre: int) -> Aperture:
-    """Return the aperture in metres; raise GeometryError for no outlines or crossing outlines."""
+    """Return the aperture in metres for outlines in units of 1/``per_metre`` metre.
+
+    Raises GeometryError for no outlines or crossing outlines.
+    """
     if not rings:
         raise errors.GeometryError("there is no outline; draw an outline or choose a shape")
     polygons = nested([np.array(ring, dtype=np.float64) for ring in rings])
@@ -224,7 +228,7 @@ def aperture_of(rings: Rings, per_metre: int) -> Aperture:
 
 
 def source_code(state: State) -> str:
-    """Return the Python code that builds ``source`` for a state.
+    """Return the Python code, without imports, that builds ``source`` for a state.
 
     Raises PolywignerError if the outlines are not polygons or the array is too large.
     """

@@ -220,7 +220,7 @@ def _draw_cuts(
 def _plot_levels(
     axes: Axes, number: int, angles: Floats, levels: Floats, low: float, **line: Any
 ) -> None:
-    """Draw the levels of cut ``number``, clipped at ``low``."""
+    """Draw the levels of cut ``number``, clipped at ``low``; angles in the unit of the axes."""
     default: dict[str, Any] = {"color": _COLOURS[number % 4], "ls": _DASHES[number % 4], "lw": 1.2}
     axes.plot(angles, np.maximum(levels, low), **(default | line))
 
@@ -421,7 +421,10 @@ def _label_angle(angles: Floats, levels: Floats) -> float:
 
 
 def _running_median(angles: Floats, levels: Floats, width: float) -> Floats:
-    """Return the running median of levels at evenly spaced angles; angles and width are in rad."""
+    """Return the running median of levels at evenly spaced angles; angles and width are in rad.
+
+    The windows are shorter at both ends.
+    """
     import xarray
 
     half = min(int(width / (2 * abs(angles[1] - angles[0]))), (len(levels) - 1) // 2)
@@ -432,7 +435,10 @@ def _running_median(angles: Floats, levels: Floats, width: float) -> Floats:
 
 
 def _checked_rcs(pattern: Any, least: tuple[int, int] = (2, 2)) -> tuple[Floats, Floats, Floats]:
-    """Return azimuths (n,) and elevations (m,) in rad, and levels (n, m) in dBsm."""
+    """Return azimuths (n,) and elevations (m,) in rad, and levels (n, m) in dBsm.
+
+    ``least``: smallest allowed numbers of azimuths and of elevations.
+    """
     names = dict.fromkeys(("azimuth", "elevation", "rcs"), "")
     azimuth, elevation, values = arrays_of(pattern, names, "polywigner.rcs_pattern")
     if values.ndim != 2 or values.shape[0] < least[0] or values.shape[1] < least[1]:

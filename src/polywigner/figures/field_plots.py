@@ -66,7 +66,7 @@ class Comparison:
 
     @staticmethod
     def of(dataset: Any, against: str | None) -> Comparison:
-        """Read the variables of a dataset; the default reference is the last variable."""
+        """Read the variables of an xarray.Dataset; the default reference is the last variable."""
         arrays = {
             str(name): array.squeeze() for name, array in checked_dataset(dataset).data_vars.items()
         }
@@ -93,7 +93,7 @@ class Comparison:
 
     @property
     def zero_text(self) -> str:
-        """Power at 0 dB with its unit."""
+        """Text of the power at 0 dB with its unit, such as "1.23 W/m²"."""
         return style.quantity_text(self.zero, self.unit)
 
     def level_text(self, floor_db: float) -> str:
@@ -209,7 +209,7 @@ def _draw_levels_and_differences(
 
 
 def _line_axis(dataset: Any, dims: tuple[str, ...]) -> tuple[Floats, str, bool]:
-    """Return positions, the label of their axis, and whether the axis is logarithmic."""
+    """Return positions in the unit of the label, the label, and whether the axis is logarithmic."""
     if len(dims) != 1:
         raise ArgumentError(
             f"expected fields along a single axis, got fields over {', '.join(dims)}"
@@ -335,7 +335,7 @@ def draw_planes(
 
 
 def _plane_axes(dataset: Any, dims: tuple[str, ...]) -> tuple[Axis, Axis]:
-    """Return the horizontal and the vertical axis; z is horizontal."""
+    """Return the label and positions of the horizontal and the vertical axis; z is horizontal."""
     if len(dims) != 2:
         raise ArgumentError(f"expected fields over two axes, got fields over {', '.join(dims)}")
     values = {d: even_axis(d, np.asarray(dataset[d].values, dtype=np.float64)) for d in dims}
@@ -345,7 +345,10 @@ def _plane_axes(dataset: Any, dims: tuple[str, ...]) -> tuple[Axis, Axis]:
 
 
 def _obstacle_sections(dataset: Any, dims: tuple[str, ...], obstacles: Any) -> list[Floats]:
-    """Return the intersections (n, 2, 2) of obstacles with the plane, in the unit of its axes."""
+    """Return where obstacles cut the plane: an array of segments (n, 2, 2) for each obstacle.
+
+    The last axis is (horizontal, vertical), in the unit of the axis labels.
+    """
     bodies = bodies_if_any(obstacles)
     if not bodies:
         return []
@@ -391,7 +394,7 @@ def _draw_phases(
 
 
 def _draw_differences(panels: Any, fields: Comparison, across: Floats, up: Floats) -> None:
-    """Draw the level differences from the reference in dB; its own panel stays empty."""
+    """Draw the level differences from the reference in dB; the panel of the reference is empty."""
     reference = fields.powers[fields.against]
     differences = [difference_db(power, reference) for power in fields.powers.values()]
     largest = max(float(np.nanmax(np.abs(values), initial=0.0)) for values in differences)

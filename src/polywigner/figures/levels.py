@@ -106,7 +106,7 @@ def level_db(values: ArrayLike, reference: float | None, floor_db: float) -> NDA
 
 
 def dbm(power: ArrayLike, floor: float = _LOWEST_DB) -> NDArray[np.float64]:
-    """Convert powers in W to levels in dBm of at least ``floor``.
+    """Convert powers in W to levels in dBm of at least ``floor``, by default -300 dBm.
 
     Negative powers and NaN are converted to the floor.
     """
@@ -155,9 +155,10 @@ def _is_compared(reference: xarray.DataArray) -> xarray.DataArray:
 
 
 def summary(values: Any, reference: Any) -> Difference:
-    """Return the largest and the rms difference of two fields in dB.
+    """Return the difference of largest magnitude and the rms difference of two fields in dB.
 
-    Both fields may be lazy xarray.DataArrays. The squared moduli of complex values are compared.
+    The points are the same as in :func:`difference_db`. Both fields may be lazy xarray.DataArrays.
+    The squared moduli of complex values are compared.
     """
     import xarray
 
@@ -202,7 +203,7 @@ def quantity_of(array: Any) -> str:
 
 
 def label_of(array: Any, name: str) -> str:
-    """Return the label of a method, such as ``Wigner, obliquity Kirchhoff``."""
+    """Return the label of a method, such as ``Wigner, obliquity Kirchhoff``, or else ``name``."""
     method, obliquity = (
         str(array.attrs.get(k, d)) for k, d in (("method", name), ("obliquity", ""))
     )

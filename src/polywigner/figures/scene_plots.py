@@ -166,7 +166,7 @@ def draw_polarisation(stokes: ArrayLike, floor_db: float = -40.0, title: str = "
 def _stokes_panels(
     stokes: ArrayLike, rows: int, title: str
 ) -> tuple[Floats, Figure, NDArray[np.object_]]:
-    """Return the Stokes parameters, and a figure with panels in two columns."""
+    """Return the Stokes parameters, a figure with two columns of panels, and the panels (n,)."""
     numbers = checked_array(stokes, "stokes", 3)
     if len(numbers) != 4:
         raise ArgumentError(

@@ -89,8 +89,8 @@ def draw_signed(
 ) -> Map:  # fmt: skip
     """Draw signed values on a colour scale from ``-bound`` to ``bound``.
 
-    Without a bound, the scale is logarithmic and ranges from -1 to 1. A ``label`` adds a colour
-    bar. See :func:`draw_map` for ``across`` and ``up``.
+    Without a bound, the values are from -1 to 1, and the scale is linear up to 0.01 and logarithmic
+    beyond. A ``label`` adds a colour bar. See :func:`draw_map` for ``across`` and ``up``.
     """
     if bound is None:
         from matplotlib.colors import SymLogNorm
@@ -107,8 +107,8 @@ def draw_signed(
 def draw_map(axes: Axes, values: Any, across: Any, up: Any, **options: Any) -> Map:
     """Draw values (rows, columns) as an image, or as a mesh if ``options`` specifies a shading.
 
-    ``across`` and ``up`` are the positions of columns and rows, evenly spaced for an image. Without
-    positions, the first row is at the top.
+    ``across`` and ``up`` are the ascending centres of columns and rows, evenly spaced for an image.
+    Without positions, the first row is at the top.
     """
     if "shading" in options:
         return axes.pcolormesh(across, up, values, rasterized=True, **options)
@@ -122,7 +122,7 @@ def draw_map(axes: Axes, values: Any, across: Any, up: Any, **options: Any) -> M
 
 
 def number_text(value: float) -> str:
-    """Format a number with a typographic minus sign."""
+    """Format a number with up to six significant digits and a typographic minus sign."""
     return f"{value:g}".replace("-", "−")
 
 
@@ -132,7 +132,7 @@ def quantity_text(value: float, unit: str) -> str:
 
 
 def floor_text(floor: float, unit: str = "dB") -> str:
-    """Format the lowest level of a colour scale for its label."""
+    """Format the lowest level of a colour scale for its label, such as "floor −40 dB"."""
     return f"floor {number_text(floor)} {unit}"
 
 
@@ -200,7 +200,7 @@ def format_line_axes(axes: Axes, *, legend: float = 0.0, **labels: Any) -> None:
 
 
 def degrees_text(angle: float) -> str:
-    """Format an angle in radians as degrees with at most two decimals."""
+    """Format an angle in radians as degrees with at most two decimals, such as "12.5°"."""
     return f"{number_text(round(float(np.degrees(angle)), 2))}°"
 
 
@@ -237,7 +237,8 @@ def draw_polygons(axes: Axes, shape: Any, unit: LengthUnit, **options: Any) -> N
 def draw_outlines(axes: Any, lines: Any, inks: Sequence[str], zorder: float = 2) -> None:
     """Draw lines of shape (line, point, 2 or 3) in two colours, visible on any background.
 
-    The limits of the axes do not change.
+    ``inks`` are the colours of the wide line and of the narrow line above it. The limits of the
+    axes do not change.
     """
     from matplotlib.collections import LineCollection
     from mpl_toolkits.mplot3d.art3d import Line3DCollection
@@ -277,7 +278,10 @@ def draw_disc(
 
 
 def draw_circles(axes: Axes, *, above: bool) -> None:
-    """Draw circles at 30, 60 and 90 degrees, with labels above or below the centre."""
+    """Draw circles of radius sin(theta) for theta of 30, 60 and 90 degrees.
+
+    ``above``: whether the labels are above the centre instead of below.
+    """
     from matplotlib.patches import Circle
 
     for degrees in (30, 60):
@@ -318,7 +322,10 @@ def separate_labels(axes: Axes, labels: Iterable[Annotation]) -> None:
 
 
 def mark_evanescent(axes: Axes, wavelength: float, unit: LengthUnit, ink: str) -> None:
-    """Draw the dotted circle |nu| = 1/wavelength, outside which waves are evanescent."""
+    """Draw the dotted circle |nu| = 1/wavelength, outside which waves are evanescent.
+
+    The wavelength is in m, and the axes are in 1/unit.
+    """
     from matplotlib.patches import Circle
 
     radius = unit.metres / wavelength
@@ -326,7 +333,7 @@ def mark_evanescent(axes: Axes, wavelength: float, unit: LengthUnit, ink: str) -
 
 
 def latex(name: str) -> str:
-    """Return the LaTeX code of a coordinate such as "nu_x"."""
+    """Return the LaTeX code of a coordinate such as "nu_x", without dollar signs."""
     return f"\\{name}" if name.startswith(("xi", "nu", "upsilon")) else name
 
 

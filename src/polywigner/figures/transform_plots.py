@@ -174,7 +174,7 @@ def samples_needed(aperture: pw.Aperture, wavelength: float | None) -> int:
 
 
 def _half_width(aperture: pw.Aperture, wavelength: float | None) -> float:
-    """Return the half width of the frequency axes in 1/m."""
+    """Return the half width of the frequency axes in 1/m: 1/wavelength, or 8/diameter for None."""
     return _LOBES / aperture.diameter if wavelength is None else 1 / checked_wavelength(wavelength)
 
 
@@ -343,7 +343,7 @@ def _point_text(point: Point, unit: LengthUnit) -> str:
 
 
 def _heading(title: str, wavelength: float | None, note: str) -> str:
-    """Return a title with the wavelength and a note, or the title alone."""
+    """Return a title with the wavelength and a note; without wavelength, the title alone."""
     if wavelength is None:
         return title
     text = f"λ = {length_text(wavelength)}{note}"
@@ -465,7 +465,10 @@ def _tiles_of_layout(dataset: xarray.Dataset, layout: str) -> Cells:
 def _draw_tile(
     axes: Axes, data: xarray.Dataset, cell: tuple[str, str, str], unit: LengthUnit, floor_db: float
 ) -> None:
-    """Draw the values of a tile with its title and colour bar."""
+    """Draw the values of a tile with its title and colour bar.
+
+    ``cell``: name, horizontal coordinate and vertical coordinate of the tile.
+    """
     name, across, up = cell
     tile = data[name]
     values = np.real(np.asarray(tile.values))

@@ -91,7 +91,7 @@ def draw_volume(
     reference : float, default the largest value in the box
         Value of 0 dB, in the unit of the variable.
     projection : {"maximum", "mean"}
-        Projection of the quantity along the normals of the walls.
+        Projection of the values (not the levels) along the normals of the walls.
     title : str, optional
         Title of the figure.
     ax : mpl_toolkits.mplot3d.Axes3D, default new axes
@@ -269,7 +269,7 @@ def _draw_wall(
     axes: Any, volume: _Volume, axis: int, wall: Floats, floor_db: float,
     contours: tuple[float, ...], colours: Floats,
 ) -> None:  # fmt: skip
-    """Draw levels in dB on the back wall normal to an axis: filled contours and lines."""
+    """Draw levels ``wall`` in dB on the back wall normal to an axis: filled contours, lines."""
     lower, upper = volume.lower, volume.upper
     position = (lower if _view_direction()[axis] > 0 else upper)[axis]
     shape = volume.values.shape

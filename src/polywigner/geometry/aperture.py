@@ -108,7 +108,7 @@ class Aperture(TakesWaves):
 
     @classmethod
     def _of_segments(cls, rings: Sequence[Ring]) -> Aperture:
-        """Make a mirror from the outlines of its segments, which may touch."""
+        """Make a mirror from the counter-clockwise outlines of its segments, which may touch."""
         parts = cls(rings)._parts
         return cls._of_parts(
             parts, None, [(ring,) for ring in rings] if len(parts) < len(rings) else None

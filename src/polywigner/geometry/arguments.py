@@ -158,7 +158,7 @@ def complex_array(
 
 
 def checked_row(values: Any, expected: str) -> NDArray[np.float64]:
-    """Return one or more real numbers, possibly NaN or infinite, as an array of shape (k,).
+    """Return a real number or a row of them, possibly NaN or infinite, as an array (k,).
 
     Raises ArgumentError for other values. ``expected``: beginning of the error message.
     """
@@ -207,13 +207,13 @@ class Immutable:
 
     @classmethod
     def _of(cls, **fields: Any) -> Self:
-        """Make an object from valid fields, without checks."""
+        """Make an object from valid fields, without checks; arrays become read-only in place."""
         new = object.__new__(cls)
         new._set(**fields)
         return new
 
     def _set(self, **fields: Any) -> None:
-        """Set attributes, with read-only arrays, while an object is constructed."""
+        """Set attributes while an object is constructed; arrays become read-only in place."""
         self.__dict__.update(frozen(tuple(fields.items())))
 
     def __getstate__(self) -> dict[str, Any]:
@@ -314,7 +314,7 @@ def checked_length(value: Any, name: str, zero: bool = False, meaning: str = "")
 
 
 def checked_wavelength(value: Any) -> float:
-    """Return a wavelength in m, above zero; raise ArgumentError for other values."""
+    """Return a wavelength in m, above zero; raise ArgumentError for others, such as "3 mm"."""
     if isinstance(value, str):
         raise ArgumentError(
             f"expected a wavelength as a number in metres, got the string {value[:40]!r}; "
@@ -339,7 +339,7 @@ def checked_generator(seed: Any) -> np.random.Generator:
 
 
 def checked_count(value: Any, name: str, least: int, most: int = _LARGEST_COUNT) -> int:
-    """Return a whole number from ``least`` to ``most``; raise ArgumentError for other values."""
+    """Return an integer from ``least`` to ``most``; raise ArgumentError for others, such as 3.0."""
     is_integer = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
     if not is_integer or not least <= value <= most:
         raise ArgumentError(
@@ -413,7 +413,7 @@ def doubt_of_wavelength(wavelength: float, diameter: float) -> str | None:
 
 
 def _warn_of_wavelength(source: Any, wavelength: float) -> None:
-    """Warn if a wavelength in m is implausible for the size of a source, or is a frequency."""
+    """Warn if a wavelength in m is implausible for a source, or is probably a frequency in Hz."""
     if _LIKE_A_FREQUENCY[0] < wavelength < _LIKE_A_FREQUENCY[1]:
         doubt: str | None = (
             f"{wavelength:g} m looks like a frequency in Hz; pass it as frequency={wavelength:g}"
@@ -426,7 +426,10 @@ def _warn_of_wavelength(source: Any, wavelength: float) -> None:
 
 
 def warn_of_distance(sources: Any, points: NDArray[np.float64], wavelength: float) -> None:
-    """Warn if a point (n, 3) in m is implausibly far from the origin for the size of sources."""
+    """Warn if a point (n, 3) in m is implausibly far from the origin.
+
+    The limit is 1e5 times the size of the largest source or the wavelength, whichever is larger.
+    """
     distance = float(np.linalg.norm(points, axis=-1).max(initial=0.0))
     size = max(_bounding_diagonal(source) or 0.0 for source in sources)
     if distance > _LONGEST_LINK * max(size, wavelength):
@@ -491,7 +494,8 @@ def takes_frequency(function: Callable[P, R]) -> _WithFrequency[P, R]:
     parameters = list(inspect.signature(function).parameters.values())
     position = [parameter.name for parameter in parameters].index("wavelength")
     positional = sum(p.kind is inspect.Parameter.POSITIONAL_OR_KEYWORD for p in parameters)
-    # A number in the position of the wavelength is the next argument if that argument is required.
+    # In calls with `frequency`, a number in the position of the wavelength belongs to the next
+    # argument if that argument is required.
     following = parameters[position + 1 : position + 2]
     is_last = all(p.default is not inspect.Parameter.empty for p in following)
 
@@ -535,7 +539,8 @@ def takes_frequency(function: Callable[P, R]) -> _WithFrequency[P, R]:
 def _at_wavelength(value: T, wavelength: float) -> T:
     """Return an argument of a call, with the sources in it converted to a wavelength in m.
 
-    Sources in lists, tuples and dictionaries are converted too. Other arguments stay unchanged.
+    The method ``at_wavelength`` of a source converts it. Sources in lists, tuples and dictionaries
+    are converted too. Other arguments stay unchanged.
     """
     result: Any = value
     if isinstance(value, dict):
@@ -626,7 +631,7 @@ def in_place(path: Path) -> Iterator[Path]:
 def write_lines(file: Path, lines: Iterable[str]) -> None:
     """Write lines to a file in UTF-8, completely or not at all; an existing file is replaced.
 
-    Raise ArgumentError if the file cannot be written.
+    A line feed is added to each line. Raise ArgumentError if the file cannot be written.
     """
     with in_place(file) as scratch:
         scratch.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8", newline="\n")

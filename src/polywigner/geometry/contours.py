@@ -148,9 +148,10 @@ _NO_EDGES = Silhouette(np.empty((0, 2, 3)), _NONE, _NONE, _NONE)
 def net_contours(surface: Surface, observer: Floats, closed: float = 0.0) -> Silhouette:
     """Return the net contours of the visible parts of a surface.
 
-    ``surface``: the triangles that face the observer. ``observer``: its position (3,).
-    ``closed``: approximate width, in the unit of the positions, up to which slits between bodies
-    have no contours. Raises ArgumentError if too many triangles overlap in projection.
+    Sides that two visible parts share cancel. ``surface``: the triangles that face the observer.
+    ``observer``: its position (3,). ``closed``: approximate width, in the unit of the positions, up
+    to which slits between bodies have no contours. Raises ArgumentError if too many triangles
+    overlap in projection.
     """
     figures = _projections(surface, observer)
     parts = [
@@ -211,9 +212,10 @@ def _projected(
 
 
 def _clipped(surface: Surface, observer: Floats, frame: Floats) -> Surface:
-    """Clip a surface to the 90-degree pyramid around the z axis of a frame.
+    """Clip a surface to the pyramid |x| <= z and |y| <= z in a frame at the observer.
 
-    ``frame``: x, y and z axes as rows. Clipped triangles are divided into triangles.
+    ``frame``: x, y and z axes as rows. Clipped triangles are divided into triangles; new sides have
+    the index -1.
     """
     planes = np.array([[1.0, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1]]) @ frame
     heights: Floats = (surface.corners - observer) @ planes.T
@@ -244,7 +246,8 @@ def _cut_ring(
 ) -> list[tuple[Floats, int]]:
     """Clip a convex ring to the positive side of a plane through the observer.
 
-    The ring consists of pairs (corner, index of the next side). ``plane``: normal (3,).
+    The ring consists of pairs (corner, index of the next side); a side on the plane has the index
+    -1. ``plane``: normal (3,).
     """
     result: list[tuple[Floats, int]] = []
     for (corner, side), (end, _) in zip(ring, [*ring[1:], *ring[:1]], strict=True):
@@ -398,7 +401,10 @@ class _Pairing:
         return Silhouette(edges, s.edge[rows], bodies[s.triangle[rows]], faces, frozenset(touching))
 
     def _candidates(self) -> list[tuple[int, int]]:
-        """Return pairs of segments that may run along each other in opposite directions."""
+        """Return pairs of segments that may run along each other in opposite directions.
+
+        Each pair occurs once. Pairs on one mesh edge come first, then the nearest pairs.
+        """
         s = self.segments
         lines = shapely.linestrings(np.stack([s.begin, s.end], axis=1))
         boxes = shapely.box(*(shapely.bounds(lines) + self.beside * np.array([-1, -1, 1, 1])).T)
@@ -422,7 +428,7 @@ class _Pairing:
         return list(zip(j[order].tolist(), k[order].tolist(), strict=True))
 
     def _projected_lengths(self, j: int, k: int, *lengths: float) -> list[float]:
-        """Return positions on segment k, in lengths from its start, of positions on segment j."""
+        """Return the nearest points on segment k to points on j, as lengths from the starts."""
         s = self.segments
         points = (s.begin[j] + t * s.unit[j] for t in lengths)
         return [float(np.clip((p - s.begin[k]) @ s.unit[k], 0.0, s.length[k])) for p in points]
@@ -462,8 +468,9 @@ class _Pairing:
     def _depth(self, row: int, at: float) -> tuple[float, float]:
         """Return the depth of a point on a segment, and the slope of the depth.
 
-        ``at``: length from the start of segment ``row``. The slope is |d/dx| + |d/dy| of the depth;
-        it is 0 on a side of a triangle, where the depth is interpolated along the side.
+        The depth grows with the distance from the observer. ``at``: length from the start of
+        segment ``row``. The slope is |d/dx| + |d/dy| of the depth; it is 0 on a side of a triangle,
+        where the depth is interpolated along the side.
         """
         s = self.segments
         t, k = s.triangle[row], s.side[row]

@@ -209,8 +209,8 @@ def _slab(
 def point_in_trapezoid(ops: Any, row: Sequence[Any], u: Any, v: Any) -> tuple[Any, Any]:
     """Map uniform random numbers (u, v) in [0, 1] to uniform random points of a trapezoid.
 
-    Returns x and y. ``row``: the six fields of a :class:`Trapezoids` row. ``ops``: namespace of
-    operations for the type of the numbers.
+    Returns x, which depends on u alone, and y. ``row``: the six fields of a :class:`Trapezoids`
+    row. ``ops``: namespace of operations for the type of the numbers.
     """
     left, width, height_left, height_right, low_left, low_right = row
     # Solves (h0 t + (h1 - h0) t^2 / 2) = u (h0 + h1) / 2 for t without cancellation.

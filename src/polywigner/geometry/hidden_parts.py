@@ -48,8 +48,8 @@ class Projected:
         return np.asarray(self.points[:, 1:] - self.points[:, :1])
 
     @cached_property
-    def area(self) -> Floats:
-        """Twice the area of each triangle, shape (n,)."""
+    def twice_area(self) -> Floats:
+        """Twice the area of each triangle, above zero if counter-clockwise, shape (n,)."""
         first, second = self.sides[:, 0], self.sides[:, 1]
         return np.asarray(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
 
@@ -57,7 +57,7 @@ class Projected:
     def has_width(self) -> NDArray[np.bool_]:
         """Mask of the triangles that rounding has not reduced to lines, shape (n,)."""
         longest = np.linalg.norm(self.sides, axis=2).max(axis=1)
-        return np.asarray(self.area > _WIDTH * NOTHING * self.size * longest)
+        return np.asarray(self.twice_area > _WIDTH * NOTHING * self.size * longest)
 
     @property
     def slopes(self) -> Floats:
@@ -65,7 +65,7 @@ class Projected:
         rise = self.depth[:, 1:] - self.depth[:, :1]
         across = rise[:, 0] * self.sides[:, 1, 1] - rise[:, 1] * self.sides[:, 0, 1]
         along = rise[:, 1] * self.sides[:, 0, 0] - rise[:, 0] * self.sides[:, 1, 0]
-        return np.asarray(np.stack([across, along], axis=1) / self.area[:, None])
+        return np.asarray(np.stack([across, along], axis=1) / self.twice_area[:, None])
 
     def subset(self, rows: NDArray[np.bool_]) -> Projected:
         """Return the projections of the triangles selected by a mask (n,) or by indices."""
@@ -94,7 +94,7 @@ def _overlapping_pairs(projected: Projected, polygons: Shapes) -> tuple[Indices,
     """Return the indices (m,) and (m,) of triangles whose projections overlap.
 
     ``polygons`` (n,): only triangles whose polygons have overlapping boxes are compared. Each pair
-    occurs once. Raises ArgumentError if there are too many pairs.
+    occurs once, with the smaller index first. Raises ArgumentError if there are too many pairs.
     """
     tree, pairs, total = shapely.STRtree(polygons), [np.empty((2, 0), np.intp)], 0
     for start in range(0, len(polygons), _BLOCK):
@@ -112,7 +112,8 @@ def _overlapping_pairs(projected: Projected, polygons: Shapes) -> tuple[Indices,
 def _are_separated(projected: Projected, one: Indices, other: Indices) -> NDArray[np.bool_]:
     """Return a mask (m,) of the pairs of triangles that a side of the first triangle separates.
 
-    ``one`` and ``other`` (m,): indices of the triangles of each pair.
+    Triangles that only touch count as separated. ``one`` and ``other`` (m,): indices of the
+    triangles of each pair.
     """
     apart = np.zeros(len(one), np.bool_)
     points, least = projected.points, NOTHING * projected.size
@@ -152,7 +153,8 @@ def _nearer_parts(projected: Projected, hidden: Indices, before: Indices) -> tup
 def _clipped_where_positive(points: Floats, values: Floats) -> Shapes:
     """Return the parts of triangles (n, 3, 2) in which linear functions are positive.
 
-    ``values`` (n, 3): values of the function of each triangle at its corners.
+    ``values`` (n, 3): values of the function of each triangle at its corners, of which at least one
+    is positive.
     """
     following, following_values = np.roll(points, -1, axis=1), np.roll(values, -1, axis=1)
     crosses = (values > 0) != (following_values > 0)
@@ -178,9 +180,9 @@ def visible_parts(
     """Subtract from each illuminated part of a triangle the parts that other triangles hide.
 
     ``polygons`` (n,): the triangles in the projection plane. ``illuminated`` (n,): the illuminated
-    part of each triangle. ``boxes`` (n,): only triangles with overlapping boxes hide each other.
-    ``grid``: grid spacing, required if edges of illuminated parts coincide with edges of shadows,
-    apart from rounding errors.
+    part of each triangle. ``boxes`` (n,), by default ``polygons``: only triangles with overlapping
+    boxes hide each other. ``grid``: grid spacing, required if edges of illuminated parts coincide
+    with edges of shadows, apart from rounding errors.
 
     Returns the indices (m,) of the partly hidden triangles and their visible parts (m,), which may
     be empty; all other triangles are entirely visible. If two triangles coincide, the first one
@@ -276,9 +278,9 @@ def differences(one: Shapes, other: Shapes, grid: float | None = None) -> Shapes
 
 
 def unions(polygons: Shapes, numbers: Indices, extent: float) -> Shapes:
-    """Return the union of the polygons (m,) with the same number, for each number.
+    """Return the union of the polygons (m,) with the same number, for each number, shape (k,).
 
-    ``numbers`` (m,) start at 0 and ascend. ``extent``: size of the figure.
+    ``numbers`` (m,) ascend from 0 to k - 1. ``extent``: size of the figure.
     """
     groups = np.asarray(shapely.geometrycollections(polygons, indices=numbers))[:, None]
     sums = np.bincount(numbers, shapely.area(polygons))
@@ -293,7 +295,7 @@ def unions(polygons: Shapes, numbers: Indices, extent: float) -> Shapes:
 
 
 def mended(shapes: Shapes) -> Shapes:
-    """Return shapes (m,) in which polygons that rounding has made invalid are repaired."""
+    """Return a copy of shapes (m,); polygons that rounding has made invalid are repaired."""
     bent = ~shapely.is_valid(shapes)
     result, some = shapes.copy(), shapes[bent]
     methods: tuple[dict[str, Any], ...] = (

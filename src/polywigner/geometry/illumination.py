@@ -198,7 +198,7 @@ def shift_phases(
 def _checked_waves(
     amplitudes: Any, frequencies: Any
 ) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
-    """Return complex amplitudes (m,) and frequencies (m, d) as arrays.
+    """Return complex amplitudes (m,) and frequencies (m, d), d = 1 or 2, as arrays.
 
     Raises IlluminationError if they are not finite numbers of matching shapes.
     """
@@ -221,7 +221,7 @@ def _checked_waves(
 def _merged_waves(
     amplitudes: NDArray[np.complex128], frequencies: NDArray[np.float64]
 ) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
-    """Merge waves of equal frequency, sort them, and drop waves whose amplitudes cancel.
+    """Merge waves of equal frequency, sort them by frequency, and drop waves that cancel.
 
     Raises IlluminationError if all waves cancel.
     """
@@ -236,7 +236,7 @@ def _merged_waves(
 
 
 def checked_field(field: Any, dimension: int) -> Illumination | None:
-    """Return a field with the given number of dimensions, or None for a field of 1.
+    """Return an illumination with the given number of dimensions, or None, unchanged.
 
     Raises ArgumentError or IlluminationError for other values.
     """

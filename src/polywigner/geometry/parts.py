@@ -80,7 +80,7 @@ def straightened(geometry: BaseGeometry, distance: float) -> BaseGeometry:
 
     If no vertex can be dropped, the result is the same object.
     """
-    # Normalised, so that the result does not depend on the starting vertex.
+    # The polygons are normalised, so that the result does not depend on the starting vertex.
     array = np.array(polygons_in(geometry), dtype=object)
     polygons = shapely.simplify(shapely.normalize(array), distance)
     simple = polygons[0] if len(polygons) == 1 else shapely.MultiPolygon(polygons.tolist())
@@ -168,8 +168,8 @@ def _without_slivers(region: BaseGeometry, points: Ring, grid: float) -> BaseGeo
 def _welded(polygons: NDArray[np.object_]) -> NDArray[np.object_]:
     """Return polygons (n,) with nearly equal vertices made equal, and vertices on touched edges.
 
-    Vertices move by at most 64 ulp of the largest coordinate. Polygons that this would make invalid
-    stay unchanged.
+    Vertices move by at most 64 ulp of the largest of all coordinates. Polygons that this would make
+    invalid stay unchanged.
     """
     coordinates, owner = shapely.get_coordinates(polygons, return_index=True)
     distance, points = rounding_tolerance(coordinates), shapely.points(coordinates)
@@ -201,7 +201,10 @@ _COORDINATES = re.compile(r"\[(\S+) (\S+)\]")
 
 
 def part_of_ring(vertices: object, name: str = "the ring") -> Part:
-    """Convert a simple ring to a part without holes; raise GeometryError for other rings."""
+    """Convert a simple ring to a part without holes; raise GeometryError for other rings.
+
+    The part is counter-clockwise and omits vertices on straight lines.
+    """
     ring = clean_ring(vertices, name)
     spans = spans_area(ring)
     if not spans and not hull_spans_area(ring):
@@ -237,8 +240,8 @@ def part_of_rings(
 ) -> Part:
     """Convert an exterior and its holes, of any orientation, to a part.
 
-    Raises GeometryError if rings cross; ``remedy`` is the end of the message, ``name`` names the
-    polygon in it.
+    Raises GeometryError if rings cross, or if a hole is outside the exterior. The message names the
+    polygon ``name`` and ends with ``remedy``.
     """
     outer, *holes = (
         part_of_ring(ring, f"hole {number} of {name}" if number else f"the exterior of {name}")[0]
@@ -261,8 +264,8 @@ def check_overlaps(
 ) -> bool:
     """Return whether any polygons touch; raise GeometryError if any polygons overlap.
 
-    ``things``: name of the polygons in the message. ``nested``: whether a polygon may lie inside
-    another polygon.
+    ``things``: plural name of the polygons in the message. With ``nested``, a polygon may cover
+    another polygon, and contacts are not reported.
     """
     array = np.array(polygons, dtype=object)
     shift = rounding_tolerance(shapely.get_coordinates(array))
@@ -276,25 +279,30 @@ def check_overlaps(
         return False
     common = shapely.intersection(array[first], array[second])
     # A shift of an edge by the rounding error changes the area by the error times the length.
-    # Slivers may be thinner than the error.
+    # Slivers may be thinner than the error, so at most half of the smaller area is allowed.
     allowed = shift * np.minimum(shapely.length(array[first]), shapely.length(array[second]))
     smaller = np.minimum(shapely.area(array[first]), shapely.area(array[second]))
     excess = shapely.area(common) - np.minimum(allowed, smaller / 2)
     if (excess > 0).any():
         worst = int(excess.argmax())
         i, j = first[worst], second[worst]
-        inside = [n for n, m in ((i, j), (j, i)) if shapely.covers(array[m], array[n])]
-        relation = f"{things[:-1]} {inside[0]} inside the other" if inside else "an overlap"
+        thing, overlap = things[:-1], f"an overlap between {things} {i} and {j}"
+        for n, m in ((j, i), (i, j)):
+            if shapely.covers(array[m], array[n]):
+                overlap = f"{thing} {n} inside {thing} {m}"
         spot = shapely.point_on_surface(common[worst])
         raise GeometryError(
-            f"expected {things} that do not overlap, got {relation} between {things} {i} and {j} "
-            f"around ({spot.x:.15g}, {spot.y:.15g}); {remedy}"
+            f"expected {things} that do not overlap, got {overlap} around "
+            f"({spot.x:.15g}, {spot.y:.15g}); {remedy}"
         )
     return True
 
 
 def merge_parts(parts: Sequence[Part], remedy: str = _MERGE) -> list[Part]:
-    """Join parts that touch; raise GeometryError with a remedy if parts overlap."""
+    """Join parts that share a piece of boundary; raise GeometryError if parts overlap.
+
+    Parts that touch only at a point stay separate. The message ends with ``remedy``.
+    """
     polygons = [polygon_of_part(part) for part in parts]
     if len(parts) == 1 or not check_overlaps(polygons, "parts", remedy):
         return list(parts)
@@ -309,7 +317,10 @@ def union_parts(parts: Sequence[Part]) -> list[Part]:
 
 
 def _winding_numbers(start: Ring, end: Ring, points: Ring) -> NDArray[np.int64]:
-    """Return the winding numbers (m,) of edges from start to end (n, 2) about points (m, 2)."""
+    """Return the winding numbers (m,) of closed curves about points (m, 2).
+
+    The curves consist of edges from start to end (n, 2); counter-clockwise is positive.
+    """
     tree = shapely.STRtree(shapely.linestrings(np.stack([start, end], axis=1)))
     farthest = np.column_stack([np.full(len(points), start[:, 0].max()), points[:, 1]])
     rays = shapely.linestrings(np.stack([points, farthest], axis=1))
@@ -371,7 +382,8 @@ def _is_ring(vertices: Any) -> bool:
 def parts_from(vertices: Any) -> list[Part]:
     """Convert one ring (n, 2), a list of rings, or shapely polygons to parts, which may overlap.
 
-    Raises GeometryError for other arguments and invalid rings.
+    Each ring becomes a separate part; only shapely polygons have holes. Raises GeometryError for
+    other arguments, and for rings that cross themselves.
     """
     if isinstance(vertices, (shapely.Polygon, shapely.MultiPolygon)):
         polygons = polygons_in(vertices)

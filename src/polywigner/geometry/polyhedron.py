@@ -145,7 +145,7 @@ def _largest_distance(points: Vertices) -> float:
 
 
 def _checked_faces(faces: Any, count: int) -> tuple[tuple[int, ...], ...]:
-    """Return faces as tuples of vertex indices below ``count``.
+    """Return faces as tuples of vertex indices from 0 to ``count`` - 1.
 
     Raises GeometryError for other values, and for faces with fewer than three different vertices.
     """
@@ -171,7 +171,7 @@ def _checked_faces(faces: Any, count: int) -> tuple[tuple[int, ...], ...]:
 def _check_closed(faces: Sequence[tuple[int, ...]]) -> None:
     """Raise GeometryError unless each directed edge occurs as often as its reverse.
 
-    Faces that occur repeatedly raise it too.
+    Faces that occur repeatedly, with any first vertex, raise it too.
     """
     starts = [face.index(min(face)) for face in faces]
     canonical = Counter(f[k:] + f[:k] for f, k in zip(faces, starts, strict=True))
@@ -197,7 +197,7 @@ def _check_closed(faces: Sequence[tuple[int, ...]]) -> None:
 
 
 def _check_planar(points: Vertices, faces: Sequence[tuple[int, ...]]) -> None:
-    """Raise GeometryError if a face is not planar, or crosses itself."""
+    """Raise GeometryError if a face crosses itself, or is not planar to 1e-9 of the diameter."""
     heights = heights_of(points, faces)
     diameter = float(np.linalg.norm(np.ptp(points, axis=0)))
     for n in np.flatnonzero(heights > _PLANAR * diameter).tolist():
@@ -255,7 +255,10 @@ def normals_of(corners: Vertices) -> Vertices:
 
 
 def heights_of(points: Vertices, faces: Sequence[Sequence[int]]) -> Vertices:
-    """Return the largest distance (f,) of each face's vertices from the plane of the face."""
+    """Return the largest distance (f,) of each face's vertices from the plane of the face.
+
+    The plane contains the mean of the vertices.
+    """
     heights = np.zeros(len(faces))
     for numbers, indices in _by_size(faces):
         corners = points[indices]
@@ -306,7 +309,7 @@ def _unit(vectors: Vertices) -> Vertices:
 
 
 def _are_convex(corners: Vertices) -> NDArray[np.bool_]:
-    """Return a mask (k,) of the planar faces with corners (k, n, 3) that are convex."""
+    """Return a mask (k,) of the planar faces with corners (k, n, 3) that are strictly convex."""
     sides = _unit(np.roll(corners, -1, axis=1) - corners)
     following = np.roll(sides, -1, axis=1)
     normals = _unit(normals_of(corners))
@@ -389,8 +392,8 @@ def nesting_of(surfaces: Sequence[Vertices]) -> NDArray[np.bool_]:
 def _lies_inside(inner: Vertices, outer: Vertices) -> bool:
     """Return whether the triangles ``inner`` (m, 3, 3) lie inside the closed surface ``outer``.
 
-    About 16 of the triangles are tested, at their centroids. Centroids on the surface are ignored;
-    if all are on it, the result is False.
+    The centroids of about 16 of the triangles must all be inside. Centroids on the surface are
+    ignored; if all are on it, the result is False.
     """
     centroids = inner[:: max(1, len(inner) // _SAMPLES)].mean(axis=1)
     size = float(np.ptp(outer.reshape(-1, 3), axis=0).max())

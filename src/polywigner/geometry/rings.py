@@ -128,9 +128,10 @@ def without_straight_vertices(ring: Ring) -> Ring:
 
 
 def clean_ring(vertices: Any, name: str = "a ring") -> Ring:
-    """Return a ring as float64, without repeated and collinear vertices.
+    """Return a ring as float64, without repeated and exactly collinear vertices.
 
-    Raises GeometryError unless there are three different vertices with finite coordinates.
+    A closing vertex is dropped. Raises GeometryError unless there are three different vertices with
+    finite coordinates.
     """
     expected = f"expected {name} to be real numbers of shape (n, 2), without z"
     ring = finite_array(vertices, expected, (None, 2), error=GeometryError)
@@ -149,7 +150,7 @@ def spans_area(ring: Ring) -> bool:
 
 
 def hull_spans_area(ring: Ring) -> bool:
-    """Return whether the convex hull of a ring has an area."""
+    """Return whether the area of a ring's convex hull exceeds its rounding error."""
     return spans_area(shapely.get_coordinates(shapely.convex_hull(shapely.linestrings(ring))))
 
 
@@ -164,13 +165,13 @@ def polygon_of_part(part: Part) -> shapely.Polygon:
 
 
 def part_of_polygon(polygon: shapely.Polygon) -> Part:
-    """Convert a valid shapely Polygon to a part."""
+    """Convert a valid shapely Polygon to a part, without vertices on straight lines."""
     outer, *holes = (clean_ring(ring) for ring in rings_of_polygon(polygon))
     return (oriented(outer, True), *(oriented(hole, False) for hole in holes))
 
 
 def rings_of_polygon(polygon: shapely.Polygon, name: str = "the polygon") -> list[Ring]:
-    """Return the rings of a shapely Polygon, exterior first, with repeated first vertices.
+    """Return the rings of a shapely Polygon, exterior first, each closed by its first vertex.
 
     Raises GeometryError if the polygon is empty or has nonzero heights. ``name``: name in the
     message.
@@ -191,7 +192,7 @@ _FILL, _LINE = "#9ecae1", "#2166ac"
 
 
 def plot_rings(rings: Sequence[Ring], ax: Axes | None, unit: str) -> Axes:
-    """Plot filled rings on ``ax`` or on new axes; ``unit`` is a unit of length such as "mm"."""
+    """Plot filled rings in m on ``ax`` or on new axes, scaled in a ``unit`` such as "mm"."""
     scale = parse_unit(unit)
     if ax is None:
         from matplotlib import pyplot
@@ -209,9 +210,10 @@ def plot_rings(rings: Sequence[Ring], ax: Axes | None, unit: str) -> Axes:
 
 
 def draw_rings(ax: Axes, rings: Sequence[Ring], metres: float, **style: Any) -> None:
-    """Draw rings in m, which repeat their first vertex at the end, as one patch with holes.
+    """Draw rings in m, which repeat their first vertex at the end, as one patch.
 
-    ``metres``: unit of the axes in m. ``style``: arguments of matplotlib's PathPatch.
+    Rings of the opposite orientation are holes. ``metres``: unit of the axes in m. ``style``:
+    arguments of matplotlib's PathPatch.
     """
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path

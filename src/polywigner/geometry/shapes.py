@@ -58,7 +58,7 @@ def _require(fits: bool, expected: str, **got: Any) -> None:
 
 
 def _circle(radius: float, n: int) -> Ring:
-    """Return n equally spaced points (n, 2) on a circle around the origin, from (radius, 0)."""
+    """Return n equally spaced points (n, 2) on a circle, counter-clockwise from (radius, 0)."""
     angle = 2 * np.pi * np.arange(n) / n
     return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
@@ -222,7 +222,7 @@ def star(points: int, outer: float, inner: float) -> Aperture:
 
 
 def _chevron_vertices(width: Any, height: Any, thickness: Any) -> Ring:
-    """Return the vertices (6, 2) of a chevron; raise ArgumentError for inconsistent sizes."""
+    """Return vertices (6, 2) of a centred chevron; raise ArgumentError for inconsistent sizes."""
     x, y = _length(width, "width") / 2, _length(height, "height") / 2
     t = _length(thickness, "thickness")
     _require(t < 2 * y, "thickness to be smaller than height", thickness=thickness, height=height)

@@ -68,11 +68,11 @@ class Obstacle:
     """Whether no part can hide another part, as in a convex body or a plate."""
 
     def distance(self, points: Floats) -> Floats:
-        """Return the distances (n,) of points (n, 3) from the nearest face."""
+        """Return the unsigned distances (n,) of points (n, 3) from the nearest triangle."""
         return distances_from(self.vertices[self.triangles], points)
 
     def heights(self, source: Floats) -> Floats:
-        """Return the heights (t,) of a source point (3,) above the planes of the triangles.
+        """Return the signed distances (t,) of a source point (3,) from the planes of the triangles.
 
         They are positive for a source in front of a triangle.
         """
@@ -81,7 +81,7 @@ class Obstacle:
         return np.asarray(np.einsum("tk,tk->t", normals[self.owner], source - first))
 
     def facing(self, source: Floats) -> Floats:
-        """Return 1 for triangles that face a source, -1 for plates whose back faces it, else 0.
+        """Return 1 for triangles that face a source, -1 if a plate's back faces it, otherwise 0.
 
         ``source``: source point (3,). The result has the shape (t,).
         """
@@ -90,7 +90,7 @@ class Obstacle:
 
     @property
     def rim(self) -> Floats | None:
-        """Ends (m, 2, 3) of edges that belong to only one triangle; None for closed meshes."""
+        """Ends (m, 2, 3), in any order, of edges of only one triangle; None for closed meshes."""
         ends = np.stack([self.triangles, np.roll(self.triangles, -1, axis=1)], axis=2)
         keys, times = np.unique(np.sort(ends.reshape(-1, 2), axis=1), axis=0, return_counts=True)
         return self.vertices[keys[times == 1]] if (times == 1).any() else None
@@ -175,7 +175,7 @@ def obstacle_of(body: Polyhedron | PlacedAperture) -> Obstacle:
 
 
 def shells(body: Obstacle) -> list[Obstacle]:
-    """Split a body into its connected surfaces; a plate stays one obstacle."""
+    """Split a body into surfaces without common vertices; a plate stays one obstacle."""
     a, b, c = body.triangles.T
     label = connected(len(body.vertices), np.append(a, a), np.append(b, c))
     numbers = np.unique(label[a])
@@ -197,9 +197,10 @@ def is_convex(points: Floats, triangles: Indices, normals: Floats, error: float 
     """Return whether a closed surface is convex.
 
     No triangle may lie in front of a neighbour's plane, and all triangles must face away from the
-    centre. Bodies that meet in one vertex fail the second condition, and so does a triangle without
-    area, which could hide a concave edge. ``normals`` (t, 3): normals of the triangles, of any
-    length. ``error``: accepted height in front of a plane, as a fraction of the size of the body.
+    mean of their corners. Bodies that meet in one vertex fail the second condition, and so does a
+    triangle without area, which could hide a concave edge. ``normals`` (t, 3): normals of the
+    triangles, of any length. ``error``: accepted height in front of a plane, as a fraction of the
+    size of the body.
     """
     outwards = points[triangles[:, 0]] - points[triangles].mean(axis=(0, 1))
     if not (np.einsum("tk,tk->t", outwards, normals) > 0.0).all():
@@ -226,7 +227,10 @@ def bodies_if_any(bodies: Any) -> tuple[Polyhedron | PlacedAperture, ...]:
 
 
 def listed_bodies(bodies: Any) -> tuple[Polyhedron | PlacedAperture, ...]:
-    """Return one or more bodies or plates as a tuple; raise ArgumentError for others, and none."""
+    """Return a body or plate, or a list of them, as a tuple.
+
+    Raises ArgumentError for other objects and for an empty list.
+    """
     listed = tuple(bodies) if isinstance(bodies, (list, tuple)) else (bodies,)
     if not listed:
         raise ArgumentError("expected at least one body or plate, got an empty list")
@@ -259,14 +263,14 @@ class Obstacles:
 
     @cached_property
     def vertices(self) -> Floats:
-        """Positions of the vertices of all bodies, shape (n, 3)."""
+        """Positions of the vertices of all bodies, in their order, shape (n, 3)."""
         return np.concatenate([body.vertices for body in self.bodies])
 
     def beyond(self, source: Floats, points: Floats) -> NDArray[np.bool_]:
         """Return a mask of the points (n, 3) beyond all bodies, as seen from a source point (3,).
 
-        These points are farther from the source than all vertices. Points in the cone opposite to
-        the bodies are excluded.
+        These points are farther from the source than all vertices. The mirror image of the cone
+        around the bodies, behind the source, is excluded.
         """
         rays, (axis, angle) = points - source, _cone(self.vertices - source)
         away = np.linalg.norm(rays, axis=1)
@@ -276,7 +280,8 @@ class Obstacles:
     def silhouettes(self, sources: Sequence[Floats]) -> list[Silhouette]:
         """Return a silhouette for each source point (k, 3).
 
-        For large meshes, all source points share the silhouette seen from their mean position.
+        If the number of triangles times k exceeds 32,768, all source points share the silhouette
+        seen from their mean position.
         """
         faces = sum(len(body.triangles) for body in self.bodies)
         if faces * len(sources) > _MOST_FACES:
@@ -299,9 +304,9 @@ class Obstacles:
         return replace(seen, planes=planes)
 
     def _mesh_silhouette(self, number: int, source: Floats) -> Silhouette:
-        """Return the silhouette of a body that neither hides another body nor is hidden; no planes.
+        """Return the silhouette of a body that neither hides another body nor is hidden.
 
-        ``number``: index of the body.
+        ``number``: index of the body. The attribute ``planes`` is not set.
         """
         body = self.bodies[number]
         ends = body.silhouette(source)
@@ -325,15 +330,15 @@ class Obstacles:
 
     @cached_property
     def contact(self) -> float:
-        """Largest distance at which bodies count as in contact, in the unit of the vertices.
+        """Largest distance in wavelengths at which bodies count as in contact.
 
-        The unit must be the wavelength.
+        The vertices must be in wavelengths.
         """
         return max(_CLOSED, _ROUNDED * float(np.ptp(self.vertices, axis=0).max()))
 
     @cached_property
     def contacts(self) -> Indices:
-        """Pairs of bodies (n, 2) that touch, cross or contain each other."""
+        """Pairs of body indices (n, 2), ascending, that touch, cross or contain each other."""
         pairs = contacts(
             [body.vertices[body.triangles] for body in self.bodies],
             [body.rim for body in self.bodies],
@@ -350,13 +355,13 @@ class Obstacles:
         return np.unique(np.sort(np.array(pairs, np.intp).reshape(-1, 2), axis=1), axis=0)
 
     def are_in_contact(self, one: Indices, other: Indices) -> NDArray[np.bool_]:
-        """Return a mask (n,) of the pairs of body indices that are equal or in contact."""
+        """Return a mask (n,) of the pairs of body indices that are equal or directly in contact."""
         keys = (self.contacts @ [[len(self.bodies), 1], [1, len(self.bodies)]]).ravel()
         return np.asarray((one == other) | np.isin(one * len(self.bodies) + other, keys))
 
     @cached_property
     def groups(self) -> Indices:
-        """Labels (k,) of the groups of bodies connected by contacts."""
+        """Smallest index of the bodies in the group of each body, connected by contacts, (k,)."""
         return connected(len(self.bodies), *self.contacts.T)
 
     @cached_property
@@ -370,7 +375,7 @@ class Obstacles:
         return np.cumsum([0, *(len(body.vertices) ** 2 for body in self.bodies)])
 
     def _edge_numbers(self, number: int, ends: Indices) -> Indices:
-        """Return a number for each edge between two vertices (..., 2) of a body.
+        """Return a number for each edge between two vertices (..., 2), numbered within a body.
 
         The numbers are unique among all bodies, and independent of the direction of the edge.
         """
@@ -383,9 +388,10 @@ class Obstacles:
         return np.searchsorted(self._first_faces, faces, side="right") - 1
 
     def face_planes(self, source: Floats) -> Floats:
-        """Return the planes (a, b, c, d), shape (f, 4), of all faces, with unit normals (a, b, c).
+        """Return the planes (a, b, c, d), shape (f, 4), of all faces of all bodies.
 
-        The source (3,) is on the positive side: a x + b y + c z + d >= 0.
+        The normals (a, b, c) have length 1. The source (3,) is on the positive side:
+        a x + b y + c z + d >= 0.
         """
         rows = []
         for body in self.bodies:
@@ -399,10 +405,10 @@ class Obstacles:
         return np.concatenate(rows)
 
     def flush_with(self, body: int, plane: Floats, planes: Floats) -> Indices:
-        """Return the bodies connected by contacts to a body that have a face in a plane (4,).
+        """Return the bodies with a face in a ``plane`` (4,) that chains of contacts join to a body.
 
-        ``body``: index of the body, which may be in the result. ``planes`` (f, 4): planes of all
-        faces. A body without contacts is returned even if it has no such face.
+        ``body``: index of the body, which may be in the result. ``planes`` (f, 4): result of
+        :meth:`face_planes`. A body without contacts is returned even if it has no such face.
         """
         (group,) = np.nonzero(self.groups == self.groups[body])
         if len(group) == 1:
@@ -416,7 +422,7 @@ class Obstacles:
         """Return the triangles of the bodies ``numbers`` that face a source point (3,).
 
         The triangles are counter-clockwise as seen from the source. With ``plane`` (4,), only
-        triangles behind (on the negative side of) this plane and not edge-on are returned.
+        triangles entirely behind this plane (on its negative side) and not edge-on are returned.
         """
         parts = []
         for number in numbers:
@@ -499,8 +505,9 @@ def _cone(points: Floats) -> tuple[Floats, float]:
 def hits(corners: Floats, rays: Floats) -> Iterator[tuple[slice, Floats, Floats]]:
     """Intersect rays (k, 3) from the origin with triangles (t, 3, 3), in blocks of rays.
 
-    Yields slices of the rays; intersections (k, t) as fractions of the ray lengths, infinite if a
-    ray misses a triangle; and the distances (t,) of the origin from the planes of the triangles.
+    Yields slices of the rays; intersections (k, t) as positive fractions of the ray lengths, which
+    may exceed 1 and are infinite if a ray misses a triangle; and the unsigned distances (t,) of the
+    origin from the planes of the triangles.
     """
     a, b, c = np.moveaxis(corners, 1, 0)
     sides = [np.cross(b, c), np.cross(c, a), np.cross(a, b)]
@@ -542,7 +549,7 @@ def contacts(
 
 
 def _overlapping_boxes(boxes: Floats, others: Floats, within: float) -> tuple[Indices, Indices]:
-    """Return indices (m,) and (m,) of pairs of boxes that are at most ``within`` apart.
+    """Return indices (m,) and (m,) of pairs of boxes, at most ``within`` apart along each axis.
 
     A box (2, 3) is given by its lower and upper corners; the pairs consist of one of ``boxes``
     (n, 2, 3) and one of ``others``.
@@ -574,7 +581,10 @@ def _near(one: Floats, other: Floats, within: float) -> Iterator[tuple[Floats, F
 
 
 def _are_near(one: Floats, other: Floats, within: float) -> bool:
-    """Return whether the triangles (n, 3, 3) of any pair are at most ``within`` apart, or cross."""
+    """Return whether the triangles (n, 3, 3) of any pair cross, or have near corners.
+
+    A near corner is at most ``within`` away from the other triangle.
+    """
     is_near = any(
         (point_distances(np.moveaxis(corners, 1, 0), triangles) <= within).any()
         for corners, triangles in ((one, other), (other, one))
@@ -583,7 +593,10 @@ def _are_near(one: Floats, other: Floats, within: float) -> bool:
 
 
 def _cross(one: Floats, other: Floats, depth: float) -> NDArray[np.bool_]:
-    """Return a mask (n,) of the pairs of triangles (n, 3, 3) that cross by more than ``depth``."""
+    """Return a mask (n,) of the pairs of triangles (n, 3, 3) that cross by more than ``depth``.
+
+    Both ends of the crossing edge are farther than ``depth`` from the plane of the other triangle.
+    """
     crosses = np.zeros(len(one), bool)
     for mine, theirs in ((one, other), (other, one)):
         a, b, c = np.moveaxis(theirs, 1, 0)

@@ -62,7 +62,8 @@ class TakesWaves(Immutable):
     ) -> Wavefront:
         """Return this source with its field times exp(i pi |x - c|^2 / (wavelength R)).
 
-        This quadratic phase describes the wave in the aperture of a horn, or defocus.
+        This quadratic phase describes the wave in the aperture of a horn, or defocus. It adds to
+        the phase of a present curved wave.
 
         Parameters
         ----------
@@ -127,7 +128,7 @@ class TakesWaves(Immutable):
         Returns
         -------
         Wavefront
-            The partially coherent source. Coherence widths of repeated calls combine.
+            The partially coherent source. The degrees of coherence of repeated calls multiply.
 
         Raises
         ------
@@ -295,7 +296,10 @@ class Wavefront(TakesWaves):
         return method
 
     def on(self, source: Any, shift: ArrayLike | None = None) -> Wavefront:
-        """Return this wave, translated by ``shift`` in metres, shape (d,), on another source."""
+        """Return another source with this wave, translated by ``shift`` in metres, shape (d,).
+
+        The other source itself is not moved.
+        """
         moved = 0.0 if shift is None else checked_shift(shift, self.dimension)
         return self._with(source=source, centre=self.centre + moved)
 
@@ -313,7 +317,7 @@ class Wavefront(TakesWaves):
         The angle is in radians. Raises IlluminationError for slits, and ArgumentError for an array.
         """
         if self.dimension != 2:
-            raise IlluminationError("expected an aperture or an array to rotate, got slits")
+            raise IlluminationError("expected an aperture to rotate, got slits")
         rotation = turned_points(np.eye(2), angle).T
         q = rotation @ self.curvature @ rotation.T
         centre = turned_points(self.centre[None], angle)[0]

@@ -90,10 +90,10 @@ class ProfileFactor:
         return _series(self.count - abs(np.arange(2 * last + 1) - last), product)
 
     def at(self, ops: Any, by_mean: bool, number: Any, cycles: Any) -> Pair:
-        """Return the array factor of all pairs of elements with the same midpoint or difference.
+        """Return the sum of a_i a_j* exp(-2 pi i t s) over all pairs with the same ``number``.
 
-        ``number`` is the sum of the two indices if ``by_mean`` is true, and their difference plus
-        count - 1 otherwise. ``cycles`` is a frequency in cycles per period.
+        If ``by_mean`` is true, ``number`` is i + j, and s is (i - j)/2. Otherwise, ``number`` is i
+        - j + N - 1, and s is (i + j - N + 1)/2. ``cycles`` is t, a frequency in cycles per period.
         """
         last = self.count - 1.0
         pairs = self.count - abs(number - last)
@@ -253,7 +253,7 @@ def pair_factor(
     """Return the array factor of all pairs of elements with the same midpoint or difference.
 
     ``numbers`` and ``cycles`` contain the arguments of :meth:`ProfileFactor.at` along both lattice
-    directions. The result includes |factor|^2 of both profiles.
+    directions. The result includes the squared modulus of both profiles' constant factors.
     """
     first, second = (
         profile.at(ops, by_mean, number, along)
@@ -307,7 +307,7 @@ def _tables(sites: Sites, double: bool) -> _Tables:
 
 
 def _table_of_sites(sites: Sites, double: bool) -> _Tables:
-    """Return the positions and weights of the elements for a plain sum."""
+    """Return positions relative to their centre, and weights of the elements, for a plain sum."""
     low = sites.positions.min(axis=0)
     centre = low + np.ptp(sites.positions, axis=0) / 2
     rows = zip((sites.positions - centre).tolist(), sites.weights.tolist(), strict=True)
@@ -320,9 +320,10 @@ def _table_of_sites(sites: Sites, double: bool) -> _Tables:
 
 
 def _enter(ops: Any, frame: LinearFrame, *nu: Any) -> Values:
-    """Return the phase of the centre in cycles, and the frequency nu.
+    """Return the phase nu.c of the centre c in cycles, and the frequency nu.
 
-    For a lattice, nu is replaced by nu.b modulo 2 cycles for both basis vectors b.
+    The factor exp(-2 pi i nu.c) is applied by :func:`leave_wave`. For a lattice, nu is replaced by
+    nu.b modulo 2 cycles for both basis vectors b.
     """
     cycles = phases.cycles_to_centre(ops, frame.centre, *nu)
     if not frame.rows:
@@ -334,7 +335,7 @@ def _enter(ops: Any, frame: LinearFrame, *nu: Any) -> Values:
 
 
 def _sum(ops: Any, tables: _Tables, cycles: Any, *inner: Any) -> Values:
-    """Return the real part and the negated imaginary part of the array factor."""
+    """Return the real part and the negated imaginary part of the array factor about its centre."""
 
     def term(*row: Any) -> Values:
         *coordinates, real, imag = row
@@ -353,5 +354,5 @@ def _sum(ops: Any, tables: _Tables, cycles: Any, *inner: Any) -> Values:
 
 @lru_cache(maxsize=8)
 def array_factor_kernel(dimension: int) -> Kernel:
-    """Return the kernel of array factors in 1, 2 or 3 dimensions."""
+    """Return the kernel of sum_k w_k exp(-2 pi i nu.p_k) in 1, 2 or 3 dimensions."""
     return Kernel("array factor", dimension, _tables, _enter, _sum, leave_wave)

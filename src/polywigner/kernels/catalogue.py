@@ -85,7 +85,7 @@ def partly_coherent_kernel(source: Wavefront) -> Kernel | None:
 def kernel_for(transform: str, source: Any) -> Kernel:
     """Return the kernel that computes a transform of a source.
 
-    The Fourier transform of an array has no kernel, because it is a sum over the elements.
+    The Fourier transform of an array raises ArgumentError, because it is a sum over the elements.
 
     Raises
     ------

@@ -50,7 +50,8 @@ def element_wigner(ops: Any, tables: ElementTables, x: Any, y: Any, nu_x: Any, n
 def element_ambiguity(ops: Any, tables: ElementTables, *arguments: Any) -> Pair:
     """Return the ambiguity function A(upsilon, xi) of an element, for arguments in its frame.
 
-    The result does not include ``frame.measure``, nor the phases of the centre and the carrier.
+    ``arguments`` are the components of upsilon and of xi. The complex result does not include
+    ``frame.measure``, nor the phases of the centre and the carrier.
     """
     if isinstance(tables, SeparableTables):
         cosine, sine = separable.ambiguity(ops, tables, *arguments)
@@ -110,7 +111,7 @@ _MOST_CELLS, _CELLS_PER_PAIR = 1 << 20, 64
 
 def is_scattered(array: Array) -> bool:
     """Return whether an array consists of six or more copies of one aperture."""
-    copies = normal_form(array).lattice
+    copies = normal_form(array).copies
     if copies is None or not isinstance(copies.element.outline, Aperture):
         return False
     return len(array) >= _LEAST_ELEMENTS
@@ -122,11 +123,11 @@ def _tables(array: Array, double: bool, view: View | None) -> PairTables:
 
     ``view`` is ``MIRRORED`` for W, ``BEHIND`` for A, and None for R, for which each element forms a
     pair only with itself. A record contains the midpoint and the difference of both positions (for
-    A in reverse order), the product of one weight and the conjugate of the other, and half of the
-    width and height of the box in which the pair contributes. Each coordinate is the sum of two
+    A, the difference first), the product of one weight and the conjugate of the other, and half of
+    the width and height of the box in which the pair contributes. Each coordinate is the sum of two
     floats.
     """
-    copies = normal_form(array).lattice
+    copies = normal_form(array).copies
     assert copies is not None
     positions, element = copies.positions, element_tables(copies.element.shape, double)
     local, low = element.frame, positions.min(axis=0)
@@ -192,7 +193,7 @@ class PairLists:
     records: DeviceTable
 
     def runs(self, ops: Any, x: Any, y: Any) -> Iterator[tuple[Any, Any]]:
-        """Yield the start and end of both ranges of records that may contribute at each point."""
+        """Yield start and end of the two ranges of records that may contribute at each point."""
         starts = self.starts.in_memory(ops)
         u, v = ((p - low) * s for p, low, s in zip((x, y), self.low, self.scale, strict=True))
         rows, columns = self.counts
@@ -257,7 +258,7 @@ def _frequency(ops: Any, frame: Frame, carrier: Sequence[float], *nu: Any) -> Va
 
 
 def _split(ops: Any, *numbers: phases.Doubled) -> Values:
-    """Return each number as the sum of two floats. The first float is exact in single precision."""
+    """Return each number as the sum of two floats, of which the first is exact in float32."""
     return tuple(half for number in numbers for half in phases.split(ops, number))
 
 
@@ -271,7 +272,7 @@ def _enter_ambiguity(
 ) -> Values:
     """Return the phase of centre and carrier in cycles, and xi and upsilon in the frame.
 
-    Each component of xi and upsilon is the sum of two floats.
+    A has the factor exp(-2 pi i phase). Each component of xi and upsilon is the sum of two floats.
     """
     cycles = phases.cycles_to_centre(ops, frame.centre, upsilon_x, upsilon_y)
     cycles = phases.less_carrier(ops, frame, cycles, xi_x, xi_y)
@@ -280,7 +281,7 @@ def _enter_ambiguity(
 
 
 def _enter_both_ends(ops: Any, frame: Frame, x: Any, y: Any, xi_x: Any, xi_y: Any) -> Values:
-    """Return the carrier phase in cycles, and x + xi/2 and x - xi/2 in the frame.
+    """Return minus the carrier phase in cycles, and x + xi/2 and x - xi/2 in the frame.
 
     Each coordinate is the sum of two floats.
     """
@@ -296,7 +297,7 @@ def _point(numbers: Sequence[Any]) -> Point:
 
 
 def _offset(record: Sequence[Any], samples: Sequence[Any]) -> tuple[Any, Any]:
-    """Return the position or lag of a sample minus the centre of a pair of elements."""
+    """Return the position or lag of a sample minus the centre in the record of a pair."""
     (x, x_low), (y, y_low) = _point(samples[:4])
     (px, px_low), (py, py_low) = _point(record[:4])
     return (x - px) + (x_low - px_low), (y - py) + (y_low - py_low)
@@ -349,7 +350,7 @@ def _sum(
 
 
 def _wigner_sum(ops: Any, tables: PairTables, *samples: Any) -> Values:
-    """Return W as a sum over pairs of elements."""
+    """Return W as a sum over pairs of elements, without ``frame.measure``."""
     return tuple(_sum(ops, tables, 1, samples))
 
 

@@ -40,8 +40,8 @@ class Accumulator(Protocol):
     def edge(self, begin: Any, end: Any, normal: tuple[Any, Any], at: tuple[Pair, Pair]) -> Pair:
         """Return the change of the transform if the vertices ``begin`` and ``end`` of an edge move.
 
-        ``at`` contains the derivatives with respect to the displacement of both vertices along
-        ``normal``.
+        ``normal`` is the outward normal with the edge's length, and ``at`` contains the derivatives
+        with respect to the scalar product of ``normal`` and the displacement of each vertex.
         """
         ...
 
@@ -74,16 +74,17 @@ class Axes:
         self.along = x * inverse, y * inverse
 
     def of(self, x: Any, y: Any) -> tuple[Any, Any]:
-        """Return the components of a vector parallel and perpendicular to the frequency."""
+        """Return the components of a vector along the frequency, and along its left normal."""
         c, s = self.along
         return self.ops.fma(c, x, s * y), self.ops.fma(c, y, -s * x)
 
     def segment(self, p: Any, q: Any, dp: Any, dq: Any) -> tuple[Pair, ...]:
         """Return integrals of a plane wave along a segment of a polygon's boundary, (G4).
 
-        The segment has the midpoint (p, q) and the vector (dp, dq). The results are the mean of
-        exp(-2 pi i nu.x), the mean of t exp(-2 pi i nu.x) for t from -1/2 to 1/2 along the segment,
-        and the contributions to the moments M00, M10 and 2 M01 of the polygon, each divided by -dp.
+        The segment has the midpoint (p, q) and the vector (dp, dq) in these axes. The results are
+        the mean of exp(-2 pi i nu.x), the mean of t exp(-2 pi i nu.x) for t from -1/2 to 1/2 along
+        the segment, and the contributions to the moments M00, M10 and 2 M01 of the polygon, each
+        divided by -dp. Mjk is the integral of p^j q^k exp(-2 pi i nu.x).
         """
         ops = self.ops
         cosine, sine = cos_sin_cycles(ops, self.norm * p)
@@ -333,7 +334,7 @@ class GradientKernel:
     """Kind of each argument of the kernel, ``"frequency"`` or ``"position"``."""
 
     def changed(self, ops: Any, frame: Any, gradients: Gradients, change: Sequence[Any]) -> Pair:
-        """Return the change of the transform if all components of its arguments change."""
+        """Return the change of the transform for a ``change`` of its arguments in user units."""
         total = gradients.shared
         for number, name in enumerate(self.points):
             count = len(change) // len(self.points)

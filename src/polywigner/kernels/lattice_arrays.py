@@ -54,10 +54,11 @@ class _Nodes:
     at t if low < t - h < high."""
 
     def nearest(self, ops: Any, frame: _ArrayFrame, x: Any, y: Any) -> Values:
-        """Return the lattice indices of the first midpoint or difference that contributes.
+        """Return the indices of the first midpoint or difference that contributes.
 
-        (x, y) is relative to the first element for midpoints, and a lag for differences. The other
-        results are (x, y) minus this midpoint or difference, in the element's frame.
+        The unit of the indices is ``scale`` lattice steps. (x, y) is relative to the first element
+        for midpoints, and a lag for differences. The other results are (x, y) minus this midpoint
+        or difference, in the element's frame.
         """
         i, j = (
             0.0 * x + float(start)
@@ -155,14 +156,14 @@ ArrayTables = RepeatedTables[ElementTables, tuple[ProfileFactor, ...]]
 def _lattice(array: Array) -> tuple[Lattice, tuple[Profile, Profile], SourceElement] | None:
     """Return the lattice of an array, the profiles of its weights, and its element.
 
-    The result is None for small arrays, for elements that do not form a lattice, and if the weights
-    are not separable.
+    The result is None for fewer than four elements, for elements that do not form a lattice, and if
+    the weights are not separable.
     """
-    copies = normal_form(array).lattice
-    if copies is None or copies.sites is None or len(array) < _LEAST_ELEMENTS:
+    copies = normal_form(array).copies
+    if copies is None or copies.lattice is None or len(array) < _LEAST_ELEMENTS:
         return None
-    profiles = separated(copies.sites.weights)
-    return None if profiles is None else (copies.sites, profiles, copies.element)
+    profiles = separated(copies.lattice.weights)
+    return None if profiles is None else (copies.lattice, profiles, copies.element)
 
 
 def is_on_lattice(array: Array) -> bool:
@@ -192,8 +193,8 @@ def _site_cycles(ops: Any, frame: _ArrayFrame, *nu: Any) -> list[Any]:
 def _enter_wigner(ops: Any, frame: _ArrayFrame, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Values:
     """Return (midpoint in half lattice steps, x - midpoint, phases in cycles, nu - carrier).
 
-    The phases are nu.b minus the phase difference of adjacent weights, for both basis vectors b.
-    The position and the frequency are in the frame of the element.
+    Each has two components. The phases are nu.b minus the phase difference of adjacent weights, for
+    both basis vectors b. The position and the frequency are in the frame of the element.
     """
     nearest = frame.means.nearest(ops, frame, x - frame.origin[0], y - frame.origin[1])
     cycles = _site_cycles(ops, frame, nu_x, nu_y)
@@ -221,8 +222,9 @@ def _enter_ambiguity(
 ) -> Values:
     """Return (centre phase, difference in lattice steps, xi - difference, upsilon.b, upsilon).
 
-    Phases are in cycles, and upsilon.b is modulo 2. The lag and the frequency shift are in the
-    frame of the element.
+    All but the first have two components. Phases are in cycles, upsilon.b is modulo 2, and A has
+    the factor exp(-2 pi i centre phase). The lag and the frequency shift are in the frame of the
+    element.
     """
     cycles = phases.cycles_to_centre(ops, frame.centre, upsilon_x, upsilon_y)
     cycles = phases.less_carrier(ops, frame, cycles, xi_x, xi_y)
@@ -234,7 +236,10 @@ def _enter_ambiguity(
 
 
 def _ambiguity_sum(ops: Any, tables: ArrayTables, cycles: Any, *inner: Any) -> Values:
-    """Return A as a sum over differences, (L2), for the results of :func:`_enter_ambiguity`."""
+    """Return the real part and the negated imaginary part of A as a sum over differences, (L2).
+
+    The arguments are the results of :func:`_enter_ambiguity`.
+    """
     first, second, x, y, *along, upsilon_x, upsilon_y = inner
     frame, element, relative_cycles = tables.frame, tables.element, tables.frame.relative_cycles
     lowest = [profile.count - 1.0 for profile in tables.sites]

@@ -73,7 +73,7 @@ class Frame:
         return _is_diagonal(self.matrix)
 
     def grid_step(self, double: bool) -> float:
-        """Return the grid spacing of vertices and offsets, a power of two.
+        """Return the grid spacing of vertices and offsets in the frame, a power of two.
 
         An offset minus two vertices is at most four times the largest coordinate of the source, and
         is exact in float64 or float32 on this grid.
@@ -197,7 +197,8 @@ def frame_along(
 ) -> Frame:
     """Return the frame with the specified direction of its first axis.
 
-    ``sizes`` are the units of length along the two axes, which must be powers of two.
+    ``points`` (n, 2) define its ``reach``. ``sizes`` are the units of length along the two axes,
+    which must be powers of two.
     """
     (c, s), (length, width) = direction, sizes
     norm = c * c + s * s

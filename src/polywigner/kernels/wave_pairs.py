@@ -51,7 +51,10 @@ def carrier_of(illuminations: Iterable[Any], dimension: int) -> Vector:
 
 
 def waves_in_frame(illumination: Any, frame: Any) -> Waves:
-    """Return the plane waves of an illumination in a frame. None specifies uniform illumination."""
+    """Return the plane waves of an illumination in a frame, relative to the frame's carrier.
+
+    None specifies uniform illumination.
+    """
     if illumination is None:
         pairs = [(1.0, [0.0] * len(frame.centre))]
     else:
@@ -114,7 +117,7 @@ class WavePair:
 
 
 def rows_of(wave_pairs: Sequence[WavePair]) -> list[tuple[float, ...]]:
-    """Return all pairs of waves as rows of numbers for `pair_of_row`."""
+    """Return all pairs of waves as rows (real, imag, shift x, shift y, rate x, rate y)."""
     return [
         (complex(amplitude).real, complex(amplitude).imag, *wave_pair.shift, *rate)
         for wave_pair in wave_pairs
@@ -162,7 +165,7 @@ def mean_pairs(first: Waves, second: Waves, is_same: bool) -> tuple[WavePair, ..
     """Return the pairs of waves that contribute to the Wigner function W.
 
     ``is_same`` specifies that both fields belong to the same elements. The pairs (m, n) and (n, m)
-    are then complex conjugates and form a single pair.
+    are then complex conjugates and form a single pair with twice the amplitude.
     """
     pairs = [
         (mean, (2.0 if is_same and m < n else 1.0) * amplitude, difference)
@@ -180,7 +183,7 @@ def difference_pairs(first: Waves, second: Waves) -> tuple[WavePair, ...]:
 
 
 def _products(first: Waves, second: Waves) -> Iterator[tuple[int, int, complex, Vector, Vector]]:
-    """Yield both indices, the product of amplitudes, the mean and the difference of frequencies."""
+    """Yield m, n, the product a_m a_n* of amplitudes, and mean and difference of frequencies."""
     for (m, wave), (n, second_wave) in product(enumerate(first), enumerate(second)):
         components = list(zip(wave.frequency, second_wave.frequency, strict=True))
         mean = tuple(0.5 * (a + b) for a, b in components)

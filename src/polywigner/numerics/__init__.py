@@ -25,7 +25,7 @@ Indices = NDArray[np.intp]
 
 
 def cluster_indices(values: Floats, tolerance: float) -> Indices:
-    """Return a cluster index for each row of a table, in ascending order of the rows.
+    """Return a cluster index for each row of a table, in lexicographic order of the rows.
 
     Rows belong to the same cluster if the entries of each column are connected by steps of at most
     ``tolerance``.

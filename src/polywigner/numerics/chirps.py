@@ -150,9 +150,9 @@ def chirp_over_rings(rings: tuple[Floats, ...], q: Floats, nu: Floats) -> Comple
     """Return the transform of curved waves over an outline, shape (n,).
 
     The transform is the integral of exp(i pi (q1 x^2 + q2 y^2) - 2 pi i nu.x). ``q`` and ``nu``,
-    shape (n, 2), contain the curvatures and the frequency of each result along both axes. The first
-    curvature must have the larger magnitude. The origin must lie inside the bounding box of the
-    outline.
+    shape (n, 2), contain the curvatures and the frequency of each result along both axes. ``rings``
+    are polygons (m, 2), counter-clockwise, or clockwise for holes. The first curvature must have
+    the larger magnitude. The origin must lie inside the bounding box of the outline.
     """
     begin = np.concatenate(rings)
     edge = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings]) - begin
@@ -164,7 +164,10 @@ def chirp_over_rings(rings: tuple[Floats, ...], q: Floats, nu: Floats) -> Comple
 
 
 def _over_edges(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Complex:
-    """Return the transform of curved waves over the polygon inside the edges, shape (points,)."""
+    """Return the transform of curved waves over the polygon inside the edges, shape (points,).
+
+    ``begin`` and ``edge`` (edges, 2) are start points and vectors of the edges.
+    """
     cycles = _edge_cycles(begin, edge, q, nu)
     pieces = np.ceil(cycles / _CYCLES).clip(1.0).astype(np.intp)
     points, edges = (np.repeat(n.ravel(), pieces.ravel()) for n in np.indices(cycles.shape))
@@ -230,7 +233,9 @@ def _batches(rules: NDArray[np.intp]) -> Iterator[tuple[int, NDArray[np.intp]]]:
 
 
 def _integrand(start: Floats, extent: Floats, at: Floats, q: Floats, nu: Floats) -> Complex:
-    """Return the integrand at Gauss nodes ``at`` from -1 to 1 on pieces of edges, shape (k, n).
+    """Return the integrand of the contour integral at Gauss nodes on pieces of edges, shape (k, n).
+
+    ``at`` are nodes from -1 to 1.
 
     ``start`` and ``extent`` are the start points and the vectors of the pieces, shape (k, 2).
     """

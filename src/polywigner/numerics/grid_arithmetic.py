@@ -51,7 +51,10 @@ def product_error(a: Any, b: Any, product: Any) -> Any:
 
 
 def _is_convex(polygon: Floats) -> bool:
-    """Return whether a ring, possibly with vertices on straight sides, is convex and winds once."""
+    """Return whether a ring is convex and counter-clockwise, and winds once.
+
+    Vertices may lie on straight sides.
+    """
     before = polygon - np.roll(polygon, 1, axis=0)
     following = np.roll(polygon, -1, axis=0) - polygon
     crosses = accurate_cross(*before.T, *following.T)

@@ -107,6 +107,7 @@ class JetOperations:
         return tuple(Jet(self._ops, value) for value in values)
 
     def select(self, condition: Any, a: Any, b: Any) -> Jet:
+        """Return ``a`` if the condition is true, otherwise ``b``, as a jet."""
         first, second = (number.derivatives if isinstance(number, Jet) else () for number in (a, b))
         if first or second:
             count = len(first or second)
@@ -115,28 +116,35 @@ class JetOperations:
         return Jet(self._ops, self._ops.select(condition, _value_of(a), _value_of(b)), first)
 
     def maximum(self, a: Any, b: Any) -> Jet:
+        """Return the larger of two jets or numbers, as a jet."""
         return self.select(a > b, a, b)
 
     def minimum(self, a: Any, b: Any) -> Jet:
+        """Return the smaller of two jets or numbers, as a jet."""
         return self.select(a < b, a, b)
 
     def sqrt(self, a: Jet) -> Jet:
+        """Return the square root of a jet."""
         root = self._ops.sqrt(a.value)
         return a.chained(root, 0.5 / self._ops.maximum(root, _LEAST))
 
     def cos_sin_cycles(self, a: Jet) -> tuple[Jet, Jet]:
+        """Return cos(2 pi a) and sin(2 pi a) as jets."""
         cosine, sine = cos_sin_cycles(self._ops, a.value)
         rate = 2.0 * math.pi
         return a.chained(cosine, -rate * sine), a.chained(sine, rate * cosine)
 
     def exp(self, a: Jet) -> Jet:
+        """Return the exponential function of a jet."""
         value = self._ops.exp(a.value)
         return a.chained(value, value)
 
     def log(self, a: Jet) -> Jet:
+        """Return the natural logarithm of a jet."""
         return a.chained(self._ops.log(a.value), 1.0 / a.value)
 
     def atan2(self, y: Jet, x: Jet) -> Jet:
+        """Return the angle of the vector (x, y) in radians as a jet."""
         inverse = 1.0 / self._ops.maximum(y.value * y.value + x.value * x.value, _LEAST)
         by_y, by_x = y.chained(0.0, x.value * inverse), x.chained(0.0, -y.value * inverse)
         derivatives = _sums(by_y.derivatives, by_x.derivatives)

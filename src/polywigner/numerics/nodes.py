@@ -49,7 +49,7 @@ SUMS = 7
 
 @lru_cache(maxsize=1)
 def gauss_rules() -> Rules:
-    """Return all Gauss-Legendre rules, from the smallest to the largest."""
+    """Return all Gauss-Legendre rules on [-1, 1] as `Rules`, from the smallest to the largest."""
     return tuple(gauss_legendre(n) for n in _SIZES)
 
 
@@ -256,7 +256,7 @@ LARGEST = 4096
 
 
 def areas(triangles: Triangles) -> Floats:
-    """Return the area of each triangle."""
+    """Return the unsigned area of each triangle."""
     a, b = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     return np.asarray(0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]))
 
@@ -330,7 +330,8 @@ def gauss_rule(triangles: Triangles, rate: float, extra: float) -> tuple[Floats,
     """Return the nodes and weights of a Gauss rule on triangles, and the triangle of each node.
 
     The integrand has up to ``rate`` phase cycles per metre. Along a side of length s the rule has
-    ``extra + 3.5 s rate`` nodes, but at least 1. The weights of a triangle add up to its area.
+    ``extra + 3.5 s rate`` nodes, rounded up, but at least 1. The weights of a triangle add up to
+    its area.
     """
     counts = _side_counts(_extreme_sides(triangles), rate, extra)
     return rule_over_cells(cells_of(triangles), counts.astype(np.intp))

@@ -194,14 +194,17 @@ def cycles_to_centre(ops: Any, centre: tuple[Any, ...], *nu: Any) -> Number:
 
 
 def less_carrier(ops: Any, frame: Any, cycles: Any, *xi: Any) -> Number:
-    """Return a phase minus the carrier phase at the lag ``xi``, in cycles modulo 1."""
+    """Return a phase minus ``frame.carrier . xi`` at the lag ``xi``, in cycles modulo 1."""
     if not any(frame.carrier):
         return cycles
     return cycles - cycles_to_centre(ops, frame.carrier, *xi)
 
 
 def rotated(ops: Any, cycles: Any, cosine: Any, sine: Any) -> tuple[Any, Any]:
-    """Return the real and imaginary part of (cosine - i sine) exp(-2 pi i cycles)."""
+    """Return the real and imaginary part of (cosine - i sine) exp(-2 pi i cycles).
+
+    ``cosine`` and ``sine`` are results of `mean_plane_wave`.
+    """
     c, s = cos_sin_cycles(ops, cycles)
     return cosine * c - sine * s, -(cosine * s + sine * c)
 
@@ -229,13 +232,15 @@ class Pair:
         )
 
     def conjugate(self) -> Pair:
+        """Return the complex conjugate."""
         return Pair(self.real, -self.imag)
 
     def scaled(self, factor: Any) -> Pair:
+        """Return the product with a real number."""
         return Pair(self.real * factor, self.imag * factor)
 
     def plus(self, ops: Any, other: Pair, factor: Any) -> Pair:
-        """Return this number plus ``other * factor``, with fused multiply-adds if possible."""
+        """Return this number plus ``other`` times a real ``factor``, with fused multiply-adds."""
         return Pair(ops.fma(other.real, factor, self.real), ops.fma(other.imag, factor, self.imag))
 
     def norm(self) -> Number:
@@ -293,13 +298,13 @@ def simplex_plane_wave(ops: Any, *corners: Any) -> tuple[Any, Any]:
 
 
 def _shifted(ops: Any, origin: Any, others: Sequence[Any]) -> Pair:
-    """Return :func:`simplex_plane_wave` for corners at the phases ``origin`` and ``others``."""
+    """Return cosine and sine of :func:`simplex_plane_wave` for phases ``origin`` and ``others``."""
     phase = Pair(*cos_sin_cycles(ops, origin))
     return phase * Pair(*simplex_plane_wave(ops, *(other - origin for other in others)))
 
 
 def _farthest(ops: Any, nodes: Sequence[Any]) -> tuple[Any, Any, list[Any], Any]:
-    """Return the two phases that are farthest apart, all other phases, and the difference."""
+    """Return the two phases that are farthest apart, all other phases, and their distance."""
     (first, last, *between), origin = nodes, nodes[0]
     largest = abs(last)
 
@@ -318,7 +323,7 @@ def _farthest(ops: Any, nodes: Sequence[Any]) -> tuple[Any, Any, list[Any], Any]
 
 
 def _series(ops: Any, nodes: Sequence[Any]) -> Pair:
-    """Return the Taylor series of :func:`simplex_plane_wave` for small phases in radians."""
+    """Return the Taylor series of :func:`simplex_plane_wave` for small ``corners`` in radians."""
     count = len(nodes)
     powers: list[Any] = [nodes[-1]]
     for node in nodes[-2::-1]:

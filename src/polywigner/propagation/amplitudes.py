@@ -191,8 +191,9 @@ def amplitude_with_error(
     field : ndarray of complex128, shape (...)
         See :func:`amplitude`.
     error : ndarray of float64, shape (...)
-        Estimated error of each value. It covers the sum over nodes, not the approximation of
-        "fresnel" or "fraunhofer". Behind obstacles the estimate may double the computing time.
+        Estimated error of each value, in the unit of the field. It covers the sum over nodes, not
+        the approximation of "fresnel" or "fraunhofer". Behind obstacles the estimate may double the
+        computing time.
 
     Raises
     ------
@@ -227,7 +228,7 @@ def field_and_error(
 ) -> tuple[Complex, Floats]:
     """Return the field of :func:`amplitude` at points, and an estimate of its error.
 
-    The error behind obstacles is estimated only if ``with_error`` is true; otherwise it is omitted.
+    The error of the diffraction by obstacles counts as zero unless ``with_error`` is true.
     """
     check_no_drjit(source=source, points=points, wavelength=wavelength)
     if aberration is not None:
@@ -326,7 +327,7 @@ def _aberrated_field(
 
 
 def _seen_from(centre: Floats, points: Floats, wavelength: float) -> tuple[Floats, Floats, Complex]:
-    """Return directions (n, 3), distances [wavelengths] and phase factors exp(ikR) of points.
+    """Return unit directions (n, 3), distances [wavelengths] and phase factors exp(ikR) of points.
 
     ``centre``: position (2,) in the plane z = 0 from which the points (n, 3) are seen, in m.
     """

@@ -236,7 +236,7 @@ def _statistics(
 def _element_fields(
     source: Array, directions: Floats, wavelength: float, obliquity: str
 ) -> Complex:
-    """Return the far field of each element with a weight of 1, shape (directions, elements)."""
+    """Return the unweighted far field of each element about the origin, (directions, elements)."""
     if source.repeated is not None:
         element, positions = source.repeated
         cycles = directions[:, :2] @ positions.T / wavelength

@@ -302,7 +302,10 @@ def beam_metrics(
 def _warn_of_samples(
     cuts: tuple[CutMetrics, ...], lines: list[Cut], about: dict[str, float], has_circles: bool
 ) -> None:
-    """Warn if angles are coarse for the beamwidth, or if no cut passes through the beam."""
+    """Warn if angles are coarse for the beamwidth, or if no cut passes through the beam.
+
+    The latter warning is omitted if ``has_circles``.
+    """
     best = max(cuts, key=lambda cut: cut.directivity)
     step = max(float(np.diff(line.angles).max()) for line in lines)
     if best.half_power_beamwidth < _LEAST_SAMPLES * step:

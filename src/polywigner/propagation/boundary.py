@@ -201,7 +201,10 @@ def cosines_of(frequencies: Floats, wavelength: float, paraxial: bool) -> Comple
 def _cosine_errors(
     frequencies: Floats, wavelength: float, plane: Floats, cosines: Complex, paraxial: bool
 ) -> Floats:
-    """Return the rounding errors of the direction cosines of m plane waves, shape (m, 3)."""
+    """Return the rounding errors of the direction cosines of m plane waves, shape (m, 3).
+
+    ``plane`` (m, 2) contains p_x and p_y, and ``cosines`` (m,) contains p_z.
+    """
     x, y = plane.T
     rest = np.stack([phases.dot(_OPS, (kappa,), (wavelength,))[1] for kappa in frequencies.T])
     lost = -2 * (x * rest[0] + y * rest[1])
@@ -411,7 +414,7 @@ def strata_of(
 
 
 def panels_in(radiator: Radiator, wavelength: float, longest: float) -> float:
-    """Return an upper bound on the number of pairs (panel, plane wave)."""
+    """Return a bound on the pairs (panel, wave) for panels up to ``longest`` wavelengths long."""
     edges = sum(element.edges for element in radiator.elements)
     return edges + radiator.perimeter / (longest * wavelength)
 
@@ -419,7 +422,7 @@ def panels_in(radiator: Radiator, wavelength: float, longest: float) -> float:
 def boundary_tables(
     radiator: Radiator, wavelength: float, longest: float, double: bool, second_term: float
 ) -> integrals.BoundaryTables:
-    """Return all panels of a source as kernel tables.
+    """Return all panels of a source as kernel tables, for float64 if ``double``, else for float32.
 
     ``second_term``: factor m of the second boundary term of (B3).
     """
@@ -436,7 +439,10 @@ def _kernel_tables(
     second_term: float,
     paraxial: bool,
 ) -> integrals.BoundaryTables:
-    """Return panels as tables of the kernel, with direction cosines as sums of two floats."""
+    """Return panels as tables of the kernel, for float64 if ``double``, otherwise for float32.
+
+    Direction cosines are sums of two floats.
+    """
     rows, amplitudes = panels.rows, panels.amplitudes / (2 * math.pi)
     cosines, errors = rows[:, 5:8], rows[:, 8:11]
     high = cosines if double else cosines.astype(np.float32).astype(np.float64)

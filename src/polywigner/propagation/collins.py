@@ -109,7 +109,7 @@ def _zero_scales(system: FirstOrder) -> NDArray[np.bool_]:
 def _coefficients(
     system: FirstOrder, points: Floats, wavelength: float
 ) -> tuple[Floats, Floats, Complex]:
-    """Return the coefficients M, q (n, 2) and c (n,) of Collins' integral (O4) at points (n, 2).
+    """Return M (2, 2), q (n, 2) and c (n,) of Collins' integral (O4) at points (n, 2).
 
     The integral is ``c int u(x) exp(i pi/wavelength x.(M x - 2 q)) dx``.
     """
@@ -137,7 +137,7 @@ def _root_phase(matrix: Floats) -> complex:
 def _rounding(
     radiator: Radiator, curvature: Floats, axes: Floats, slopes: Floats, wavelength: float
 ) -> Floats:
-    """Return rounding errors (n,) of `chirp_transform` at the frequencies slopes/wavelength.
+    """Return absolute errors (n,) of `chirp_transform` at the frequencies slopes/wavelength.
 
     ``curvature`` (2,) and ``axes`` (2, 2): eigenvalues in 1/m and eigenvectors of M in (O4).
     """
@@ -282,7 +282,7 @@ def systems_and_stops(through: object) -> tuple[list[FirstOrder], list[PublicSou
 def _clipped_planes(
     planes: list[PublicSource], systems: list[FirstOrder]
 ) -> tuple[list[PublicSource], list[FirstOrder]]:
-    """Replace stops in an image plane by clipped sources.
+    """Return new lists in which clipped sources replace stops in image planes.
 
     ``systems`` contains the system behind each source or stop in ``planes``.
     """
@@ -380,7 +380,11 @@ def _stop_rate(
     slopes: Floats,
     wavelength: float,
 ) -> float:
-    """Return the highest spatial frequency [1/m] of Collins' integrand on a stop."""
+    """Return the highest spatial frequency [1/m] of Collins' integrand on a stop.
+
+    ``path`` is the system in front of the stop. ``bend`` and ``slopes`` are M and q (n, 2) in (O4)
+    of the system behind it.
+    """
     inverse = np.linalg.inv(path.B)
     origin = radiator_of(previous)
     aside = slopes - (path.D @ inverse + bend) @ stop.centre + inverse.T @ origin.centre
@@ -449,8 +453,9 @@ class FrequencyLattice:
 def as_lens(wave: Wavefront, wavelength: float) -> tuple[PublicSource, FirstOrder, complex]:
     """Return a curved wave as a flat source, a lens behind it, and a phase factor.
 
-    The phase is ``pi (x - c).Q (x - c)`` for the centre c and the curvature Q. The lens contains
-    ``x.Q x``, the tilt of the source ``-2 x.Q c``, and the phase factor ``c.Q c``.
+    The phase of the wave is ``pi (x - c).Q (x - c)``, with the centre c and the curvature Q in
+    1/m^2. The lens has the phase ``pi x.Q x``, the source is tilted by ``-2 pi x.Q c``, and the
+    factor has the phase ``pi c.Q c``.
     """
     checked_wavefront(wave)
     q, slope = wavelength * wave.curvature, wave.curvature @ wave.centre

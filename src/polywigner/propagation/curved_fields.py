@@ -77,7 +77,7 @@ def summed_over_cells(
     terms: Callable[[_Element, Floats, Floats, float], Complex],
     components: tuple[int, ...] = (),
 ) -> tuple[Complex, Floats]:
-    """Return an integral over a curved source for n points, and bounds on its rounding errors.
+    """Return an integral over a curved source for n points, and bounds (n,) on its rounding errors.
 
     ``terms(part, cells, points, wavelength)`` returns the weighted integrand (k, nodes,
     *components) of k cells, for one point per cell. The integral has the shape (n, *components).
@@ -121,7 +121,7 @@ def cells_of_wave(wave: Wavefront, wavelength: float) -> Iterator[tuple[_Element
 def _highest(wave: Wavefront, part: _Element, cells: Floats, frequencies: Any) -> Floats:
     """Return the highest spatial frequency of the field times another wave on each cell, in 1/m.
 
-    ``frequencies``: spatial frequencies of the other wave at the corners of the cells.
+    ``frequencies`` (k, 3, 2): spatial frequencies of the other wave at the corners of the cells.
     """
     frequencies = frequencies + (cells - wave.centre) @ wave.curvature
     highest = np.zeros(len(cells))

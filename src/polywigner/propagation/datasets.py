@@ -277,7 +277,7 @@ def plane(
         coordinates and the other pairs ascending; or three corners of a rectangle in any
         orientation, the first of which is adjacent to the other two. All corners must have z > 0.
     shape : tuple of int
-        Number of points along both axes, edges included.
+        Number of points along both axes in the order x, y, z or u, v, edges included.
     wavelength : float
         Wavelength in m.
     method : str or sequence of str, default "wigner"

@@ -203,7 +203,7 @@ class EdgeSum:
         return change, free
 
     def _shadow(self, k: int, targets: Targets) -> Floats:
-        """Return -1 at points (n,) in the shadow of a node, 0 at other points."""
+        """Return -1 at points (n,) in the shadow of the near node k, 0 at other points."""
         by_angles, origin = targets.by_angles, self.origins[k]
         shadow = np.zeros(len(by_angles))
         edges = self.edges[self.sees[k]].reshape(-1, 6)
@@ -216,7 +216,10 @@ class EdgeSum:
     def _row_sums(
         self, term: Any, rows: Floats, columns: Floats, outputs: int, shared: Floats = _NONE
     ) -> tuple[Floats, ...]:
-        """Return sums of ``term(row, column, shared)`` over rows, an array (n,) for each output."""
+        """Return sums of ``term(row, column, shared)`` over rows, an array (n,) for each output.
+
+        ``rows`` has the shape (r, p), and ``columns`` the shape (n, q).
+        """
         if not len(rows) * len(columns):
             return (np.zeros(len(columns)),) * outputs
         return execution.evaluate_rows(term, rows, columns, shared, outputs, self.engine)
@@ -244,8 +247,8 @@ class EdgeSum:
     def _far_nodes(self, samples: Floats, number: Indices) -> Floats:
         """Return table rows of the far nodes, as seen from samples (q, 3) of edges.
 
-        A row contains the directions and waves of several nodes. Zero weights pad the last row of a
-        sample.
+        ``number`` (q,) are the edges of the samples. A row contains the directions and waves of
+        several nodes. Zero weights pad the last row of a sample.
         """
         source = self.nodes.far
         waves = source.waves_and_dipoles(samples)
@@ -271,7 +274,10 @@ def _blocks(count: int, width: int) -> list[Indices]:
 
 
 def _ends_of_blocks(edges: Floats, count: int) -> list[tuple[Point, Point]]:
-    """Return the ends of edges as columns, in blocks that fit in the processor's cache."""
+    """Return the ends of edges as columns, in blocks that fit in the processor's cache.
+
+    ``count`` is the number of points per edge.
+    """
     blocks = np.array_split(edges, 1 + len(edges) * count // _CACHED)
     return [
         (tuple(block[:, 0].T[:, :, None]), tuple(block[:, 1].T[:, :, None]))
@@ -281,7 +287,10 @@ def _ends_of_blocks(edges: Floats, count: int) -> list[tuple[Point, Point]]:
 
 
 def _sample_counts(edges: Floats, nodes: Interpolation, positions: Floats, error: float) -> Indices:
-    """Return the number of samples (m,) that each edge needs for waves at positions (n, 3)."""
+    """Return the number of samples (m,) that each edge needs for waves at positions (n, 3).
+
+    ``error`` is the allowed relative error.
+    """
     source, at, ops = nodes.far, tuple(positions.T), _OPS
     radius = 0.5 * float(np.linalg.norm(np.ptp(source.origins, axis=0)))
     digits, centre, numbers = -math.log(error), tuple(source.centre), []
@@ -337,7 +346,8 @@ def _boundary_waves(
 ) -> Values:
     """Return the boundary wave of an edge relative to a node's wave, and relative to its dipole.
 
-    The four results are two pairs of real and imaginary part.
+    The four results are two pairs of real and imaginary part. The second pair is zero unless
+    ``is_oblique``.
     """
     origin, start, end, point, aside = (sample[k : k + 3] for k in (0, 3, 6, 9, 12))
     path = origin, point, start, end, aside

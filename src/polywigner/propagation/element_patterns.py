@@ -21,7 +21,7 @@ from polywigner.geometry.arguments import (
 from polywigner.geometry.illumination import Illumination
 from polywigner.numerics import Complex, Floats
 from polywigner.propagation.point_grids import unit_vectors
-from polywigner.propagation.vector_fields import of_co_and_cross, of_currents
+from polywigner.propagation.vector_fields import far_field_of_currents, from_co_and_cross
 from polywigner.radiometry.directions import directions_and_weights
 from polywigner.source.obliquities import DEFAULT, DefaultCondition
 from polywigner.source.polarisation import MODELS, CurrentModel, checked_polarisation, ludwig_axes
@@ -53,7 +53,8 @@ class ElementPattern:
     """Far field of an antenna, interpolated over evenly spaced angles theta and phi.
 
     The interpolant is a trigonometric polynomial along phi, and along theta if the table covers the
-    sphere. Otherwise, the interpolation along theta uses polynomials of degree 11.
+    sphere. Otherwise, the interpolation along theta uses polynomials of degree 11. |E|^2 is in
+    W/sr.
     """
 
     def __init__(self, theta: Floats, phi: Floats, components: tuple[Complex, Complex]) -> None:
@@ -145,7 +146,7 @@ class ElementPattern:
         """Return the radiated power in W of the antenna, or of an array of such antennas.
 
         ``factor`` returns the array factor in given directions. ``lag`` is 2 pi times the array
-        size in wavelengths.
+        size in wavelengths. Backward radiation is included if the table covers the sphere.
         """
         polar, azimuthal = self.band
         node, weight = np.polynomial.legendre.leggauss(math.ceil(lag / 2) + polar + _MARGIN)
@@ -189,7 +190,10 @@ class ElementPattern:
 
 
 def _cartesian(theta: Floats, phi: Floats, polar: Complex, azimuthal: Complex) -> Complex:
-    """Return vectors (..., 3) with the components E_theta and E_phi at angles in rad."""
+    """Return vectors (..., 3) with the components E_theta and E_phi at angles in rad.
+
+    All arguments broadcast against each other.
+    """
     x, y = polar_components(np.cos(theta) * polar, azimuthal, -phi)
     return np.stack([x, y, -np.sin(theta) * polar], axis=-1)
 
@@ -216,7 +220,7 @@ def linear_components(pattern: Any, name: str) -> tuple[Floats, Floats, Complex,
     theta, phi, co, cross, state = arrays_of(pattern, axes, maker, "polarisation")
     order = np.ix_(np.argsort(theta), np.argsort(phi))
     jones = np.asarray(state, np.float64).view(np.complex128)
-    x, y = of_co_and_cross(co[order], cross[order], jones)
+    x, y = from_co_and_cross(co[order], cross[order], jones)
     return np.sort(theta), np.sort(phi), x, y, jones
 
 
@@ -353,7 +357,7 @@ def fit_pattern(
     if model == DEFAULT:
         unit = s[:, 2:] * np.einsum("j,jkn->nk", jones, np.array(ludwig_axes(*s.T)))
     else:
-        unit = of_currents(np.append(jones, 0.0), s, model)
+        unit = far_field_of_currents(np.append(jones, 0.0), s, model)
     vectors, strength = known.vectors(s), np.linalg.norm(unit, axis=1)
     along = (unit.conj() * vectors).sum(axis=1) / strength
     total, polarised = (

@@ -155,7 +155,10 @@ def _slope_spectrum(wave: Wavefront, sines: list[Floats], wavelength: float) -> 
 def _fitted(
     spectrum: Complex, sines: list[Floats], nodes: tuple[Floats, Floats], error: float
 ) -> Complex | None:
-    """Fit weights (nx, ny) of point sources to a far field; return None for too large an error."""
+    """Fit weights (nx, ny) of point sources to a far field, or return None.
+
+    The error of the squared far field must not exceed ``error`` times its peak.
+    """
     waves = [np.exp(-2j * math.pi * np.outer(s, x)) for s, x in zip(sines, nodes, strict=True)]
     first, second = (np.linalg.pinv(wave, rcond=_ROUNDING) for wave in waves)
     weights = first @ spectrum @ second.T

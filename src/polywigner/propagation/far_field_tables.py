@@ -377,7 +377,7 @@ def _hfss_report(lines: list[str]) -> Iterator[FarFieldTable]:
 
 
 def _cst_table(lines: list[str]) -> Iterator[FarFieldTable]:
-    """Yield the far field in a table of CST, one for each frequency."""
+    """Yield the far fields in a table of CST, one for each frequency."""
     columns = _cst_columns(lines[0])
     _check_columns(columns)
     first = 2 if len(lines) > 1 and set(lines[1].strip()) <= {"-"} else 1

@@ -486,7 +486,7 @@ def _phase_slope(
 
 
 def _central_wave(illumination: Any, wavelength: float) -> Values | None:
-    """Return the direction cosines about which plane waves are symmetric, or None."""
+    """Return the direction cosines (2,) of a real taper times a plane wave, or None."""
     if illumination is None:
         return np.zeros(2)
     waves, sizes = illumination.frequencies * wavelength, np.abs(illumination.amplitudes)

@@ -198,8 +198,9 @@ def irradiance_with_error(
     irradiance : ndarray of float64, shape (...)
         See :func:`irradiance`.
     error : ndarray of float64, shape (...)
-        Estimated error of each value. For rays it is the difference between the last two quadrature
-        rules. It is infinite for points so close to the source that no rule resolves their rays.
+        Estimated error of each value, in the unit of the irradiance. For rays it is the difference
+        between the last two quadrature rules. It is infinite for points so close to the source that
+        no rule resolves their rays.
         Behind obstacles the estimate doubles the computing time.
 
     Raises
@@ -232,7 +233,10 @@ def _irradiance_and_error(
     engine: Engine = "auto",
     with_error: bool = False,
 ) -> tuple[Floats, Floats]:
-    """Return the irradiance at points, and its error, with the options of :func:`irradiance`."""
+    """Return the irradiance at points, and its error, with the options of :func:`irradiance`.
+
+    ``with_error``: see `field_and_error`.
+    """
     checked_choice(method, "method", ("wigner", *METHODS, "auto"))
     meaning = "a number above 0 and below 1"
     allowed = checked_number(tolerance, "tolerance", meaning, lambda x: 0.0 < x < 1.0)

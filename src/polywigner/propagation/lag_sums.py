@@ -59,7 +59,8 @@ def _sum_over_lags(
     """Integrate the irradiance over lags; return None if successive rules do not converge.
 
     ``irradiance(lags, weights, extra)``: contribution of lags (m, 2) with ``extra`` additional
-    nodes. ``error`` is relative to the largest irradiance.
+    nodes. ``rates`` (2,) are the highest frequencies of the integrand in 1/m, and ``error`` is
+    relative to the largest irradiance.
     """
     previous: Floats | None = None
     for extra in _LEVELS:
@@ -78,7 +79,7 @@ def _longest_lags(source: Wavefront) -> Floats:
 
 
 def _lag_cells(source: Wavefront) -> Cells:
-    """Return trapezoids that tile half of the lags.
+    """Return trapezoids that tile the lags with y >= 0.
 
     No kink of the ambiguity function crosses a trapezoid if there are at most _MOST_KINKS kinks.
     """
@@ -158,7 +159,8 @@ _PAIRS, _POINTS = 1 << 12, 4
 def channels_of(source: Wavefront, condition: Obliquity) -> list[Channel]:
     """Return the field and the normal derivatives that a boundary condition requires.
 
-    None stands for the field, and a frequency (2,) for the normal derivative of a plane wave.
+    None stands for the field, and a frequency (2,) in 1/m for the normal derivative of a plane
+    wave.
     """
     channels: list[Channel] = [None] if condition.field else []
     return channels + (list(normal_form(source).frequencies) if condition.slope else [])
@@ -249,7 +251,8 @@ def _degrees(channels: Sequence[Channel], lags: Floats, width: float, wavelength
     """Return the degrees of coherence (a, b, n) of two channels at lags xi (n, 2).
 
     The degrees are means of ``p_a conj(p_b) exp(2 pi i t.xi)`` over tilts t. The factor p is 1 for
-    the field, and the direction cosine p_z of the tilted wave for a normal derivative.
+    the field, and the direction cosine p_z of the tilted wave for a normal derivative. Two values
+    of the field have the degree of coherence exp(-|xi|^2/(2 width^2)).
     """
     if all(channel is None for channel in channels):
         return np.exp(-0.5 * (lags**2).sum(axis=1) / width**2).astype(complex)[None, None]
@@ -380,8 +383,8 @@ def _between_heights(edges: Floats) -> tuple[Cells, Indices]:
 def node_counts(cells: Cells, rates: Floats, error: float, nearest: float = math.inf) -> Indices:
     """Return the numbers of quadrature nodes along both sides of each cell, shape (n, 2).
 
-    ``rates``: highest frequencies of the integrand along x and y in 1/m. ``nearest``: distance of
-    its poles in m.
+    ``rates``: highest frequencies of the integrand along x and y in 1/m, shape (2,) or (n, 2).
+    ``nearest``: distance of its poles in m.
     """
     origin, first, second, last = cells.transpose(1, 0, 2)
     sides = np.abs([[first - origin, last - second], [second - origin, last - first]])

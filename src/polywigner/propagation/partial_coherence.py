@@ -85,7 +85,10 @@ def _in_parabolic_waves(
     system: FirstOrder | None,
     error: float,
 ) -> Floats | None:
-    """Return irradiances and errors (2, n) of Fresnel fields, or behind a first-order system."""
+    """Return irradiances and errors (2, n) of Fresnel fields, or behind a first-order system.
+
+    The result is None if sums over lags do not converge, and convolutions need too many nodes.
+    """
     heights, plane_of = np.zeros(1), np.zeros(len(points), np.intp)
     systems = [system]
     if system is None:
@@ -158,10 +161,10 @@ def _blur_of(source: Wavefront, transfer: Floats, wavelength: float) -> _Blur:
 def _convolution(
     points: Floats, blur: _Blur, error: float
 ) -> tuple[Floats, Callable[[Floats], Floats]] | None:
-    """Return m nodes, and a function of values (k, m) that returns their means (k, n); or None.
+    """Return m nodes (m, 2), and a function from values (k, m) at the nodes to means (k, n).
 
     The rule is either a trapezoidal rule on a common lattice, or a Gauss-Hermite rule about each
-    point, whichever has fewer nodes.
+    point, whichever has fewer nodes. The result is None if both have too many nodes.
     """
     steps = math.sqrt(2.0 * math.log(16.0 / error))
     along = points @ blur.axes
@@ -220,7 +223,8 @@ def _lattice_axis(along: Floats, spread: float, extent: float, steps: float) -> 
     """Return lattice nodes along an axis, and normal weights of the nodes near each point.
 
     ``along`` (n,): coordinates of the points. ``extent``: extent of the source in coherence widths.
-    The error is exp(-steps^2/2).
+    The weights extend to ``steps`` standard deviations ``spread``, and the error is
+    exp(-steps^2/2).
     """
     # The irradiance is band-limited to extent/(2 pi spread), so the aliasing error is
     # exp(-steps^2/2).

@@ -257,8 +257,8 @@ def _attributes(
 def _folded(theta: Floats, phi: Floats, fields: Complex) -> tuple[Floats, Floats, Complex]:
     """Convert directions in degrees to theta from 0 to 180 and phi from 0 to below 360.
 
-    The components (2, n) along theta and phi change sign if theta is folded. Poles then occur
-    twice, at phi and phi + 180.
+    The components (2, n) along theta and phi change sign if theta is folded. Each pole is then
+    repeated at phi + 180.
     """
     # The unit vectors along theta and phi change sign between (-theta, phi) and (theta, phi + 180).
     theta = theta.round(6) % 360
@@ -413,7 +413,7 @@ class _Pattern:
     """In Hz, W and dBi."""
 
     def rows(self, *columns: Floats) -> Iterator[tuple[float, ...]]:
-        """Yield phi, theta and the values of columns (n, m); theta varies fastest."""
+        """Yield phi, theta (degrees) and the values of columns (n, m); theta varies fastest."""
         phi, theta = np.meshgrid(self.phi, self.theta, indexing="ij")
         table = [phi, theta, *(column.T for column in columns)]
         return zip(*(values.ravel().tolist() for values in table), strict=True)

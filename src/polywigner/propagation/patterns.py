@@ -274,7 +274,7 @@ def _dataset(
 def jones_of(components: tuple[Values, Values]) -> Values:
     """Return the unit Jones vector (2,) of two complex numbers, the field along x and along y.
 
-    Its phase makes the larger component real.
+    Its phase makes the larger component real and positive.
     """
     larger = components[int(abs(components[1]) > abs(components[0]))]
     return checked_polarisation(np.stack(components) / larger)
@@ -401,7 +401,7 @@ def _checked_levels(
 def _cross_levels(
     pattern: Any, axes: tuple[str, str], about: dict[str, float], levels: Floats
 ) -> Floats:
-    """Return the cross-polar directivity in dBi, or ``levels`` for a scalar pattern."""
+    """Return the cross-polar directivity in dBi; for a scalar pattern, ``levels`` stands in."""
     if "cross_field" not in pattern:
         return levels
     values = pattern["cross_field"].transpose(*axes).values
@@ -473,7 +473,7 @@ def cuts_in(pattern: Any) -> list[Cut]:
 
 
 def circles_through_beam(pattern: Any) -> list[Cut]:
-    """Interpolate a pattern along two great circles through its beam.
+    """Interpolate a pattern along two perpendicular great circles through its peak.
 
     Returns an empty list unless the pattern has a field over the hemisphere in even steps.
     """

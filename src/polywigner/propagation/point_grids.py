@@ -32,7 +32,7 @@ _AXES = ("x", "y", "z")
 
 
 def checked_theta_and_phi(theta: Any, phi: Any) -> tuple[Floats, Floats]:
-    """Return angles theta and phi in rad; raise ArgumentError for other values."""
+    """Return theta (n,) from -pi to pi and phi (m,) in rad, or raise ArgumentError."""
     return checked_angles(theta, "theta", math.pi), checked_angles(phi, "phi", math.inf)
 
 
@@ -45,7 +45,7 @@ _ANGLES = {
 
 
 def angle_axes(**angles: Floats) -> dict[str, xarray.Variable]:
-    """Return angles in rad, with names in `_ANGLES`, as coordinates of a dataset."""
+    """Return angles (n,) in rad as coordinates of a dataset, by their names in `_ANGLES`."""
     return {
         name: labelled_array(values, (name,), {"units": "rad", "long_name": _ANGLES[name]})
         for name, values in angles.items()
@@ -62,7 +62,7 @@ def unit_vectors(theta: Floats, phi: Floats) -> Floats:
 
 
 def checked_angles(values: Any, name: str, largest: float) -> Floats:
-    """Return angles in rad; raise ArgumentError if an absolute value exceeds ``largest``."""
+    """Return angles (n,) in rad; raise ArgumentError if one exceeds ``largest`` in magnitude."""
     expected = f"expected {name} to be angles (n,) in rad"
     angles = checked_row(values, expected)
     if not np.isfinite(angles).all() or np.abs(angles).max() > largest * (1 + 1e-12):
@@ -122,7 +122,7 @@ def tolerance_from(
 
 
 def warn_of_missed(errors: Floats, allowed: Floats, what: str) -> None:
-    """Warn if estimated errors (n,) are NaN or exceed the allowed errors.
+    """Warn if estimated errors (n,) are NaN or exceed the allowed errors (n,).
 
     ``what``: plural noun for the values in the message, such as "points".
     """
@@ -156,7 +156,7 @@ class Grid:
 
 
 def _affine(origin: Floats, directions: Floats, *along: Floats) -> Floats:
-    """Return points (n, m, ..., 3) for all combinations of distances along directions (k, 3).
+    """Return points (n, m, ..., 3) for all combinations of distances along unit vectors (k, 3).
 
     ``along``: k arrays (n,), (m,), ... of distances from the origin.
     """
@@ -186,10 +186,11 @@ def box_grid(box: Any, shape: Any) -> Grid:
 
 
 def plane_grid(where: Any, shape: Any) -> Grid:
-    """Return a grid on a rectangle, specified by a flat box or by three corners, in m.
+    """Return a grid on a rectangle with z > 0, specified by a flat box or by three corners, in m.
 
-    The axes are two of x, y and z for a box, otherwise the distances u and v from the first corner.
-    ``shape``: numbers of points along both axes.
+    The axes are two of x, y and z for a box (2, 3). For corners (3, 3), the axes are the distances
+    u and v from the first corner towards the second and the third corner. ``shape``: numbers of
+    points along both axes.
     """
     expected = "expected a plane as a box (2, 3) of zero thickness, or as three corners (3, 3)"
     corners = finite_array(where, f"{expected}, in metres", (2, 3), (3, 3))
@@ -249,9 +250,9 @@ def hemisphere_grid(radius: Any, theta: Any, phi: Any, centre: Any) -> Grid:
 def _affine_grid(
     spans: dict[str, tuple[float, float, int]], origin: Floats, directions: Floats
 ) -> Grid:
-    """Return a grid of points from an origin and distances along directions (k, 3).
+    """Return a grid of points from an origin and distances along unit vectors (k, 3).
 
-    ``spans``: name, first value, last value and number of points of each axis.
+    ``spans``: name, first value, last value and number of points of each axis, in m.
     """
     axes = {
         name: labelled_array(_axis(*span), (name,), {"units": "m"}) for name, span in spans.items()

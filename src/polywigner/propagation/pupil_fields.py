@@ -49,8 +49,8 @@ def aberrated_spectrum(
 ) -> Converged:
     """Return the Fourier transform of an aberrated pupil field at frequencies nu (n, 2) in 1/m.
 
-    The integral is ``int u exp(2 pi i W/wavelength - 2 pi i nu.(x - centre)) dx`` for the path
-    length W. ``tolerance`` is relative to the integral of |u|.
+    The integral is ``int u exp(2 pi i W/wavelength - 2 pi i nu.(x - centre)) dx``. The path length
+    W includes the defocus and the curvature. ``tolerance`` is relative to the integral of |u|.
     """
     band = band_of(nu)
     some = np.unique(np.linspace(0, max(len(nu) - 1, 0), _CHECKED).astype(int))[: len(nu)]
@@ -85,8 +85,9 @@ def element_sums(
 ) -> Iterator[Complex]:
     """Yield the Fourier transform (k, n) of each unweighted element times k factors.
 
-    The integral is ``int factor u exp(-2 pi i nu.(x - centre)) dx``. ``factors(x, y)`` returns the
-    factors (k, ...), by default 1.
+    The integral is ``int factor u exp(-2 pi i nu.(x - centre)) dx`` for the aberrated field u.
+    ``factors(x, y)`` returns the factors (k, ...), by default 1. ``error`` is relative to the
+    integral of the modulus.
     """
     lattice = FrequencyLattice(nu)
     for number in range(len(pupil.elements)):
@@ -100,9 +101,10 @@ def element_sums(
 
 
 def _lattice_sum(lattice: FrequencyLattice, nodes: Floats, field: Complex) -> Complex:
-    """Return the Fourier sum (n,) of weighted fields (k, m) on k rows of nodes with constant x.
+    """Return the sums (n,) of ``field exp(-2 pi i nu.x)`` over all nodes, for all frequencies nu.
 
-    ``nodes`` (k, m, 2) are in m. Raises ArgumentError for too many products.
+    ``nodes`` (k, m, 2) in m form k rows with constant x. ``field`` (k, m) contains the quadrature
+    weights. Raises ArgumentError for too many products of a node and a frequency.
     """
     # On a grid, all frequencies along x use the same sums over y.
     waves = field.size * (lattice.work if lattice.index is None else len(lattice.axes[1]))
@@ -136,7 +138,7 @@ class _Derivatives:
         return element_sums(self.pupil, self.nu, band, self.extra, self.error, factors)
 
     def vertices(self) -> Complex:
-        """Return the derivatives with respect to the coordinates of all vertices."""
+        """Return the derivatives (n, vertices, 2) of the transform with respect to all vertices."""
         pupil, parts = self.pupil, []
         largest = np.abs(np.stack(band_of(self.nu))).max(axis=0)
         for k, edges in enumerate(edges_of(pupil)):
@@ -151,7 +153,10 @@ class _Derivatives:
         return np.concatenate(parts, axis=1)
 
     def weights(self) -> tuple[Complex, Complex]:
-        """Return the derivatives with respect to weights (n, elements), and to their conjugates."""
+        """Return the derivatives (n, elements) with respect to weights and to their conjugates.
+
+        The derivatives with respect to the conjugates are zero.
+        """
         by_weight = np.stack([row for (row,) in self._sums()], axis=1)
         return by_weight, np.zeros_like(by_weight)
 
@@ -170,7 +175,8 @@ def aberrated_fresnel_field(
     """Return the Fresnel field of an aberrated pupil at points (n, 3), and its error, both (n,).
 
     The field at (X, z) is ``exp(ikz)/(i L z) int u(x) exp(2 pi i W/L + i pi |X - x|^2/(L z)) dx``,
-    with the wavelength L and the path length W.
+    with the wavelength L and the path length W. The error is absolute; ``tolerance`` is relative to
+    the integral of |u|, as in `aberrated_spectrum`.
     """
     field, errors = np.empty(len(points), np.complex128), np.empty(len(points))
     for z in np.unique(points[:, 2]).tolist():

@@ -52,8 +52,9 @@ def waves_through(
 ) -> tuple[Complex, Floats]:
     """Return the field (n,) of a point source behind an opening, and its error (B9).
 
-    The source has the field exp(ikR)/R. Lengths are in m, and the field is in 1/m. ``mirrored``:
-    factor of the edge waves of the source's mirror image.
+    The opening lies at z = 0, and the source, with the field exp(ikR)/R, at z < 0. Lengths are in
+    m, and the field is in 1/m. ``mirrored`` (-1, 0 or 1): factor of the edge waves of the source's
+    mirror image.
     """
     begin = np.concatenate(opening.rings) / wavelength
     end = np.concatenate([np.roll(ring, -1, axis=0) for ring in opening.rings]) / wavelength

@@ -102,9 +102,9 @@ def shadow_of(
     with_error: bool = False,
     edge: Edge = "black",
 ) -> tuple[Complex, NDArray[np.bool_], Floats]:
-    """Return the change of the field at points (n, 3) in m due to obstacles.
+    """Return the change of the field, total minus free, at points (n, 3) in m due to obstacles.
 
-    Also return a mask of the points inside bodies, where the field is zero, and the estimated
+    Also return a mask of the points inside bodies, where the total field is zero, and the estimated
     errors (n,), which are zero unless ``with_error`` is true. ``bodies`` are in wavelengths. Raises
     ArgumentError if an obstacle encloses part of the source or the source needs too many points.
     """
@@ -172,9 +172,9 @@ def _near_corners(
 ) -> tuple[NDArray[np.bool_], Floats]:
     """Return a mask (n,) of points in line with a source and a corner, and steps off the line.
 
-    There is one step (3,) for each masked point. ``views``: positions (3,) of sources and the edges
-    (m, 2, 3) visible from them. On the line, the derivatives (SB5) of both edge waves diverge, and
-    their sum loses digits.
+    There is one step (3,) in wavelengths for each masked point. ``views``: positions (3,) of
+    sources and the edges (m, 2, 3) visible from them. On the line, the derivatives (SB5) of both
+    edge waves diverge, and their sum loses digits.
     """
     near = np.zeros(len(positions), bool)
     for origin, edges in views:
@@ -201,7 +201,10 @@ def _seen(
     method: str,
     tolerance: float,
 ) -> tuple[list[RadiatingPoint], list[Silhouette]]:
-    """Return the equivalent points of a source, and the silhouettes seen from these points."""
+    """Return the equivalent points of a source, and the silhouettes seen from these points.
+
+    ``bodies``, ``positions`` (n, 3) and both results are in wavelengths.
+    """
     boxes = [np.stack([b.vertices.min(axis=0), b.vertices.max(axis=0)]) for b in bodies.bodies]
     targets = np.concatenate([np.stack(boxes), np.stack([positions, positions], axis=1)])
     error = _OF_GRID * tolerance
@@ -315,7 +318,10 @@ def _summed(
 
 
 def _resolution(ends: Floats, sources: Floats, points: Floats) -> Floats:
-    """Return the lengths (n,) at points (n, 3) that are as small as rounding errors."""
+    """Return the lengths (n,) at points (n, 3) that are as small as rounding errors.
+
+    ``ends`` (m, 3) of edges and ``sources`` (k, 3) have the same unit.
+    """
     if not len(ends):
         return np.zeros(len(points))
     low, high = ends.min(axis=0), ends.max(axis=0)
@@ -373,7 +379,7 @@ def _edge(
 
 
 def _check_clearance(bodies: Obstacles, sources: Sequence[RadiatingPoint]) -> None:
-    """Raise ArgumentError if an obstacle encloses the source; warn of close obstacles."""
+    """Raise ArgumentError if an obstacle encloses the source; warn of one within a wavelength."""
     positions = np.array([position for position, *_ in sources])
     if bodies.inside(positions).any():
         raise ArgumentError(
@@ -429,7 +435,7 @@ class Blocker:
     def transmission(self, ops: Any, point: Point, hidden: Any) -> Pair:
         """Return the wave from the origin at a point, relative to the free wave.
 
-        The result is 1 unless ``hidden`` is true, and if the surface has no rim.
+        The result is 1 if ``hidden`` is false or the surface has no rim.
         """
         detour, amplitude = 1e30, 0.0
         for edge in self.rim:
@@ -443,7 +449,10 @@ class Blocker:
 
 
 def transmission_over(ops: Any, source: Point, point: Point, start: Point, end: Point) -> Values:
-    """Return the detour over an edge [wavelengths], and its amplitude relative to the free wave."""
+    """Return the detour of the path over an edge [wavelengths], and the wave's real amplitude.
+
+    The amplitude is relative to the free wave.
+    """
     detour, cosine, *_ = path_over(ops, source, point, start, end)
     # Kirchhoff's obliquity: cosine of half the bending angle.
     share = ops.sqrt(ops.maximum(0.5 + 0.5 * cosine, 0.0)) / (1.0 + _STEEP * ops.sqrt(detour))
@@ -456,7 +465,8 @@ def behind_face(
     """Return the weight d^2/(d^2 + a^2) of an edge's shadow behind a face, 0 in front of the face.
 
     ``d`` is the depth of the point behind the face minus ``margin``, and ``a`` its distance from
-    the plane through source and edge.
+    the plane through source and edge. ``plane``: unit normal n towards the front, and the offset c
+    of the face, with n.x + c = 0.
     """
     depth = ops.maximum(-(dot(plane, point) + plane[3]) - margin, 0.0)
     normal = cross(difference(start, source), difference(end, source))
@@ -522,7 +532,7 @@ def blocked_edges(bodies: Obstacles, seen: Sequence[Silhouette], source: Floats)
 
 
 def shadow_lines(table: Floats) -> Floats:
-    """Return the shadows (k, 17) that edges cast on the faces behind them, with reversed direction.
+    """Return the shadows (k, 17) that edges cast on the faces behind them, with exchanged ends.
 
     The rows of ``table`` (k, 17) have the format of ``_Edges.groups``.
     """
@@ -564,6 +574,6 @@ def _blocker(
 
 
 def _in_plane(surface: Surface, plane: Floats, within: float) -> Surface:
-    """Return the triangles of a surface that lie in a plane, up to the distance ``within``."""
+    """Return the triangles of a surface whose corners lie within ``within`` of a plane (4,)."""
     height = np.abs(surface.corners @ plane[:3] + plane[3]).max(axis=1)
     return surface.subset(height <= within)

@@ -64,7 +64,7 @@ class SourceNodes:
 
     @cached_property
     def origins(self) -> Floats:
-        """Positions of the equivalent points, shape (n, 3)."""
+        """Positions of the equivalent points in wavelengths, shape (n, 3)."""
         return np.array([point.position for point in self.points])
 
     @cached_property
@@ -74,7 +74,7 @@ class SourceNodes:
 
     @cached_property
     def peak(self) -> float:
-        """Largest far field over all directions, times the distance."""
+        """Largest modulus of the far field over a grid of directions, times the distance."""
         sines = np.linspace(-1.0, 1.0, _DIRECTIONS)
         x, y = (part.ravel() for part in np.meshgrid(sines, sines))
         z = np.sqrt(np.maximum(1.0 - x * x - y * y, 0.0))
@@ -83,72 +83,72 @@ class SourceNodes:
         field, slope = (np.array([p[k] for p in self.points]) for k in (1, 2))
         return float(np.abs(phases @ slope + rays[:, 2] * (phases @ field)).max())
 
-    def waves_at(self, places: Floats) -> tuple[Complex, Floats]:
+    def waves_at(self, targets: Floats) -> tuple[Complex, Floats]:
         """Return the waves (q, k + 1) of nodes at points (q, 3), relative to unit spherical waves.
 
         The last column is the wave of the entire source relative to a unit wave from its centre.
         Also return the detours (q,) above which this column is accurate enough.
         """
-        parts, detours = zip(*map(self._waves_at, self.blocks_of(places)), strict=True)
+        parts, detours = zip(*map(self._waves_at, self.blocks_of(targets)), strict=True)
         return np.concatenate(parts), np.concatenate(detours)
 
-    def blocks_of(self, places: Floats) -> list[Floats]:
+    def blocks_of(self, targets: Floats) -> list[Floats]:
         """Divide positions (q, 3) into blocks that limit memory."""
-        return np.array_split(places, 1 + len(places) * len(self.points) // _BLOCK)
+        return np.array_split(targets, 1 + len(targets) * len(self.points) // _BLOCK)
 
-    def waves_of_points(self, places: Floats) -> Complex:
+    def waves_of_points(self, targets: Floats) -> Complex:
         """Return the waves (q, n) of the equivalent points at positions (q, 3)."""
-        return np.stack([point.wave(places.T) for point in self.points], axis=1)
+        return np.stack([point.wave(targets.T) for point in self.points], axis=1)
 
-    def waves_and_dipoles(self, places: Floats) -> list[Complex]:
+    def waves_and_dipoles(self, targets: Floats) -> list[Complex]:
         """Return the waves (q, n) of the equivalent points, and their dipoles without obliquity.
 
         The list contains both arrays (q, n), or only the waves if all dipoles are zero.
         """
-        units = _unit_waves(places, self.origins)
+        units = _unit_waves(targets, self.origins)
         field, slope = (np.array([point[k] for point in self.points]) for k in (1, 2))
         if not field.any():
             return [units * slope]
-        ahead = places[:, None] - self.origins
+        ahead = targets[:, None] - self.origins
         inverse = 1.0 / np.linalg.norm(ahead, axis=2)
         dipoles = units * field
         obliquity = ahead[..., 2] * inverse * (1.0 + (0.5j / math.pi) * inverse)
         return [dipoles * obliquity + units * slope, dipoles]
 
-    def _waves_at(self, places: Floats) -> tuple[Complex, Floats]:
+    def _waves_at(self, targets: Floats) -> tuple[Complex, Floats]:
         """Return the waves and detours of :meth:`waves_at` for a block of points."""
-        waves = self.waves_of_points(places)
-        parts, units = self._over_units(places, waves)
+        waves = self.waves_of_points(targets)
+        parts, units = self._over_units(targets, waves)
         moments = waves / units[:, -1:]
         x, y = (self.origins - self.centre)[:, :2].T
         first = np.hypot(*np.abs(moments @ np.stack([x, y], axis=1)).T)
         second = np.abs(moments @ np.stack([x * x, y * y, x * y], axis=1)).max(axis=1)
-        curvature = 1.0 / np.linalg.norm(places - self.centre, axis=1)
+        curvature = 1.0 / np.linalg.norm(targets - self.centre, axis=1)
         # The estimated error is slope/detour + bend/sqrt(detour).
         slope = 0.5 * np.sqrt(2.0 * curvature) * first * EDGE_AMPLITUDE / self.peak
         bend = math.pi * curvature * second * EDGE_AMPLITUDE / self.peak
         root = 0.5 * (bend + np.sqrt(bend * bend + 4.0 * slope * _BY_CENTRE)) / _BY_CENTRE
         return parts, root * root
 
-    def dipoles_at(self, places: Floats) -> Complex:
+    def dipoles_at(self, targets: Floats) -> Complex:
         """Return the dipoles of :meth:`waves_at` without obliquity, shape (q, k + 1)."""
         field = np.array([point.field for point in self.points])
         parts = [
             self._over_units(some, field * _unit_waves(some, self.origins))[0]
-            for some in self.blocks_of(places)
+            for some in self.blocks_of(targets)
         ]
         return np.concatenate(parts)
 
-    def _over_units(self, places: Floats, waves: Complex) -> tuple[Complex, Complex]:
+    def _over_units(self, targets: Floats, waves: Complex) -> tuple[Complex, Complex]:
         """Return the waves of :meth:`waves_at` for point waves (q, n), and the unit waves."""
-        units = _unit_waves(places, np.concatenate([self.positions, self.centre[None]]))
+        units = _unit_waves(targets, np.concatenate([self.positions, self.centre[None]]))
         parts = np.column_stack([waves @ self.fractions.T, waves.sum(axis=1)])
         return parts / units, units
 
 
-def _unit_waves(places: Floats, starts: Floats) -> Complex:
+def _unit_waves(targets: Floats, starts: Floats) -> Complex:
     """Return the spherical waves (q, k) from k starting points at q positions."""
-    waves = [spherical_wave(NumpyOperations(), tuple((places - start).T)) for start in starts]
+    waves = [spherical_wave(NumpyOperations(), tuple((targets - start).T)) for start in starts]
     return np.stack([wave.real + 1j * wave.imag for wave in waves], axis=1)
 
 
@@ -161,7 +161,7 @@ def nodes_for(points: Sequence[RadiatingPoint], edges: Floats) -> SourceNodes:
     """Return the nodes of a source for edges with ends (m, 2, 3)."""
     every = all_points(points)
     allowed = {count: limit * every.peak for count, limit in _LIMITS.items()}
-    return _few_nodes(every, _WavesAtEdges.of(every, edges), _turned_by(NEAR), allowed)
+    return _few_nodes(every, _WavesAtEdges.of(every, edges), _relative_to_observer(NEAR), allowed)
 
 
 class Interpolation(NamedTuple):
@@ -178,9 +178,9 @@ def interpolation_for(
 ) -> Interpolation | None:
     """Return the cheapest nodes for edges with ends (m, 2, 3), or None if too many are needed.
 
-    ``error``: allowed error of an edge wave, times the source distance. ``overlap``: largest detour
-    of near edges, as a multiple of the smallest detour of far edges. ``is_shared``: whether all
-    points see the same edges.
+    ``error``: largest allowed product of the error of an edge wave and the distance of the edge
+    from the source. ``overlap``: largest detour of near edges, as a multiple of the smallest detour
+    of far edges. ``is_shared``: whether all points see the same edges.
     """
     every = all_points(points)
     waves = _WavesAtEdges.of(every, edges)
@@ -190,10 +190,10 @@ def interpolation_for(
     least = max(_LEAST_DETOUR, 0.5 * (_CLEAR * reach) ** 2 / float(waves.distance.min()))
     choices = []
     for detour in [least * ratio for ratio in _RATIOS]:
-        far = _few_nodes(every, waves, _divided_at(detour), allowed_far)
+        far = _few_nodes(every, waves, _relative_to_edge(detour), allowed_far)
         if len(far.positions) <= _MOST_NODES:
-            turned = _turned_by(overlap * detour, 1.0)
-            near = _few_nodes(every, waves, turned, allowed) if is_shared else every
+            near_wave = _relative_to_observer(overlap * detour, 1.0)
+            near = _few_nodes(every, waves, near_wave, allowed) if is_shared else every
             cost = math.sqrt(detour) * len(near.positions) + _FAR_COST * len(far.positions)
             choices.append((cost, Interpolation(near, far, detour)))
     return min(choices, key=lambda choice: choice[0])[1] if choices else None
@@ -216,7 +216,7 @@ class _WavesAtEdges:
         nearest = np.clip(((source.centre - start) * along).sum(axis=1) / squares, 0.0, 1.0)
         one = np.ones_like(nearest)
         fractions = [0.0 * one, 0.5 * nearest, nearest, 0.5 + 0.5 * nearest, one]
-        places = np.concatenate([start + part[:, None] * along for part in fractions])
+        targets = np.concatenate([start + part[:, None] * along for part in fractions])
         positions, owners = [], []
         for at, centre in zip(source.origins[:, :2].T, source.centre, strict=False):
             values, which = np.unique(at, return_inverse=True)
@@ -224,10 +224,10 @@ class _WavesAtEdges:
             owners.append(np.eye(len(values))[which.ravel()])
         parts = [
             [waves @ owner for owner in owners]
-            for waves in map(source.waves_of_points, source.blocks_of(places))
+            for waves in map(source.waves_of_points, source.blocks_of(targets))
         ]
         sums = [np.concatenate(part) for part in zip(*parts, strict=True)]
-        distance = np.linalg.norm(places - source.centre, axis=1)
+        distance = np.linalg.norm(targets - source.centre, axis=1)
         return cls(distance, list(zip(positions, sums, strict=True)))
 
 
@@ -235,10 +235,11 @@ EdgeWave = Callable[[Floats, Floats], NDArray[Any]]
 """Relative edge wave for source distances (q, 1) and coordinates (k,) on the source."""
 
 
-def _turned_by(detour: float, curvature: float = 0.0) -> EdgeWave:
-    """Return a function that computes the edge wave in the far field.
+def _relative_to_observer(detour: float, curvature: float = 0.0) -> EdgeWave:
+    """Return a function that computes the edge wave relative to the wave at the observation point.
 
-    The wave is relative to the wave at the observation point. ``detour`` is in wavelengths.
+    The function holds in the far field. ``detour`` is in wavelengths. ``curvature``: factor of the
+    quadratic phase of the source coordinate, 0 or 1.
     """
 
     def wave(distance: Floats, at: Floats) -> Complex:
@@ -249,7 +250,7 @@ def _turned_by(detour: float, curvature: float = 0.0) -> EdgeWave:
     return wave
 
 
-def _divided_at(detour: float) -> EdgeWave:
+def _relative_to_edge(detour: float) -> EdgeWave:
     """Return a function that computes the edge wave relative to the wave at the edge.
 
     ``detour`` is in wavelengths.
@@ -268,8 +269,8 @@ def _few_nodes(
 ) -> SourceNodes:
     """Return the smallest set of nodes whose interpolation error is allowed.
 
-    Returns ``every`` if no set is smaller. ``allowed``: largest error for each number of nodes
-    along an axis, times the distance of the edge.
+    Returns ``every`` if no set is smaller. ``allowed``: largest product of the error and the
+    distance of the edge, for each number of nodes along an axis.
     """
     numbers = []
     for at, sums in waves.axes:

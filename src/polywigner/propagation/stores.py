@@ -387,7 +387,8 @@ def write_zarr(dataset: Stored, path: str | os.PathLike[str]) -> None:
 def _as_dataset(dataset: Stored) -> xarray.Dataset:
     """Return a dataset, a data array or the store at a path as a dataset.
 
-    Raises ArgumentError for other objects, and StoreError if there is no store at the path.
+    An unnamed data array becomes the variable ``values``. Raises ArgumentError for other objects,
+    and StoreError if there is no store at the path.
     """
     import xarray
 

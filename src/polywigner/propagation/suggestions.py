@@ -286,7 +286,10 @@ def _axis(band: Band, oversampling: float) -> AxisSampling:
 def _field_bands(
     bounds: tuple[float, ...], wavelength: float, coherent: bool, kind: str, region: Any
 ) -> list[Band]:
-    """Return the axes for a field in a "box", on a "line" or on a hemisphere ("radius")."""
+    """Return the axes for a field in a "box", on a "line" or on a hemisphere ("radius").
+
+    ``coherent``: whether to sample the amplitude, not the irradiance.
+    """
     metres = 1.0  # per unit of the axis
     if kind == "box":
         axes = [np.unique(axis.values) for axis in box_grid(region, 3 * (_POINTS,)).coords.values()]

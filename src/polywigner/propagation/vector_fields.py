@@ -191,7 +191,10 @@ def _dipole_terms(
     wave: Wavefront, q: Complex, currents: Currents,
     part: Any, cells: Floats, points: Floats, wavelength: float,
 ) -> Complex:  # fmt: skip
-    """Return the weighted fields (k, nodes, 3) of equivalent currents on k cells."""
+    """Return the weighted fields (k, nodes, 3) of equivalent currents on k cells.
+
+    Each cell has one point in m, ``points`` (k, 3).
+    """
     nodes, weights, _ = field_at_nodes(wave, part, cells, wavelength)
     ahead = np.empty((*nodes.shape[:2], 3))
     ahead[..., :2] = points[:, None, :2] - nodes
@@ -355,7 +358,7 @@ class EdgeIntegrals:
 
     @property
     def normal(self) -> Floats:
-        """Outward normals, shape (m, 2)."""
+        """Outward unit normals, shape (m, 2)."""
         return np.stack([self.along[:, 1], -self.along[:, 0]], axis=1)
 
 
@@ -418,11 +421,11 @@ def far_vectors(
     total = np.zeros(directions.shape, np.complex128)
     for part, q in parts:
         far = fourier(part, nu, precision=precision, engine=engine) / (1j * wavelength)
-        total += far[..., None] * of_currents(q, directions, model)
+        total += far[..., None] * far_field_of_currents(q, directions, model)
     return np.where(directions[..., 2:] < 0, 0.0, total)
 
 
-def of_currents(q: Complex, directions: Floats, model: str) -> Complex:
+def far_field_of_currents(q: Complex, directions: Floats, model: str) -> Complex:
     """Return the far field of currents, relative to the scalar one ``F/(i wavelength)`` (VP2).
 
     ``q`` (3,): polarisation vector with q_z = 0. Directions and result have the shape (..., 3).
@@ -453,7 +456,7 @@ def co_and_cross(components: tuple[Complex, Complex], jones: Complex) -> tuple[C
     return p.conjugate() * x + q.conjugate() * y, p * y - q * x
 
 
-def of_co_and_cross(co: Complex, cross: Complex, jones: Complex) -> tuple[Complex, Complex]:
+def from_co_and_cross(co: Complex, cross: Complex, jones: Complex) -> tuple[Complex, Complex]:
     """Convert co- and cross-polar parts to components along x and y.
 
     ``jones`` (2,): unit Jones vector of the co-polar part.

@@ -74,8 +74,8 @@ def irradiance_by_rays(
 ) -> tuple[Floats, Floats]:
     """Return the irradiance by Wigner rays at points (n, 3), and its estimated error, both (n,).
 
-    ``obliquity``: None for the default. ``allowed``: relative error. An error is infinite if no
-    rule resolves the rays; warns if the allowed error is exceeded.
+    ``obliquity``: None for the default. ``allowed``: relative error. The estimated error is
+    absolute, and infinite if no rule resolves the rays. Warns if the allowed error is exceeded.
     """
     condition, flat = obliquity_of(obliquity), flat_source(source)
     curved: tuple[float, ...] = ()
@@ -245,8 +245,8 @@ def _kinks(source: Aperture | Array) -> Floats | None:
     form = normal_form(source)
     elements, means = form.in_plane.elements, np.zeros((1, 2))
     grid = 0.0
-    if form.lattice is not None:
-        elements, positions = (form.lattice.element,), form.lattice.positions
+    if form.copies is not None:
+        elements, positions = (form.copies.element,), form.copies.positions
         means = (positions[:, None] / 2 + positions / 2).reshape(-1, 2)
         grid = grid_size(positions) if positions.any() else 1.0
         means = np.unique(np.rint(means / grid), axis=0) * grid
@@ -263,7 +263,7 @@ def _kinks(source: Aperture | Array) -> Floats | None:
 
 
 def _distinct(segments: Floats, grid: float) -> Floats:
-    """Round segments to a grid, and remove duplicates in either direction."""
+    """Round segments to a grid; drop segments of zero length and duplicates in either direction."""
     steps = np.rint(segments / grid)
     order = np.lexsort((steps[..., 1], steps[..., 0]), axis=1)
     steps = np.take_along_axis(steps, order[..., None], axis=1)

@@ -209,7 +209,8 @@ def directions_and_weights(lag: float, wavelength: float) -> Iterator[tuple[Floa
 def _directions_on_rings(theta: Floats, weight: Floats, counts: Indices) -> tuple[Floats, Floats]:
     """Return unit vectors (n, 3) and solid angles (n,) for the polar angles theta.
 
-    ``counts`` contains the number of azimuths for each polar angle.
+    ``weight``: weights of the nodes theta, without the factor sin(theta). ``counts``: number of
+    azimuths for each polar angle.
     """
     polar = np.repeat(theta, counts)
     index = np.arange(len(polar)) - np.repeat(np.cumsum(counts) - counts, counts)
@@ -227,7 +228,10 @@ def _azimuth_counts(phase: Floats) -> Indices:
 
 @lru_cache(maxsize=8)
 def _polar_nodes(phase: float) -> tuple[Floats, Floats]:
-    """Return nodes between 0 and pi/2 and their weights, for waves with phases up to ``phase``."""
+    """Return nodes theta from 0 to pi/2 and their weights, without the factor sin(theta).
+
+    The rule is for waves with phases up to ``phase`` in rad.
+    """
     # On half a panel, the phase changes by at most pi/4 of its largest value. The constants were
     # fitted as in `_azimuth_counts`.
     panels = max(1, math.ceil(phase / _PANEL))

@@ -178,7 +178,8 @@ def rebuild(
     rays : xarray.Dataset
         From :func:`polywigner.sample_rays`, :func:`polywigner.rays.load` or :func:`traced`.
     plane : float or array_like, shape (4, 4)
-        Plane, specified by its z in m if it is parallel to the x and y axes, otherwise by its pose.
+        Plane, specified by its z in m if it is parallel to the x and y axes, otherwise by the pose
+        that maps its frame to the world.
     bounds : array_like, shape (4,)
         Bounds (xmin, ymin, xmax, ymax) of all pixels in m, in the frame of the plane.
     shape : (int, int)
@@ -262,10 +263,11 @@ def rebuild(
 
 
 def _estimates(sums: Floats, squares: Floats, count: int) -> tuple[Floats, Floats]:
-    """Return the total of each pixel, and its standard error.
+    """Return the total power of each pixel in W, and its standard error.
 
-    ``sums``: sums of weights for each batch and pixel. ``squares``: sums of squared weights of
-    independent rays. ``count``: number of rays that were drawn.
+    ``sums`` (batches, pixels): sums of weights. A single batch contains independent rays, for which
+    ``squares`` (pixels,) are the sums of squared weights. ``count``: number of rays that were
+    drawn.
     """
     total = sums.sum(axis=0)
     batches = len(sums)
@@ -404,7 +406,8 @@ def _write_part(
 ) -> Path:
     """Write all rays, or the rays whose power has a given sign, and return the path of the file.
 
-    An empty suffix writes all rays with their signs. Otherwise powers are written without a sign.
+    ``columns`` (n, 7): position in mm, direction, and power in W. An empty suffix writes all rays
+    with their signs. Otherwise powers are written without a sign.
     """
     if suffix:
         columns = columns[columns[:, 6] * sign > 0] * ([1.0] * 6 + [sign])

@@ -71,7 +71,7 @@ def sample_automean(
     samples : int or array_like, shape (n, d)
         Number of random samples, or numbers in [0, 1) to map to positions.
     seed : int or numpy.random.Generator, optional
-        Seed of the random numbers.
+        Seed of the random numbers. By default, each call draws different numbers.
 
     Returns
     -------
@@ -176,7 +176,7 @@ def _random_blocks(
 ) -> Iterator[tuple[Floats, int | None]]:
     """Yield blocks of random numbers in [0, 1), shape (m, 4 + tilts), and the batch index or None.
 
-    Columns: direction (2), position (2), tilt.
+    Columns: direction (2), position (2), tilt (``tilts``).
     """
     generator = checked_generator(seed)
     if sampling != "quasi-random":
@@ -222,8 +222,9 @@ class Cone:
     def directions(self, numbers: Floats, slope: Floats | None = None) -> tuple[Floats, Floats]:
         """Map random numbers (n, 2) to unit vectors (n, 3); also return the inverse density (n,).
 
-        The density is per solid angle projected along z. ``slope`` (n, 2): direction cosines of the
-        beams, relative to the axis; None for a beam along the axis.
+        The vectors are in the frame of the source, and the density is per solid angle projected
+        along its z axis. ``slope`` (n, 2): x and y components of the beam directions minus the
+        components of the axis; None for a beam along the axis.
         """
         centre = None if slope is None or math.isinf(self.width) else self._beam_centres(slope)
         ratio = self.width / self.radius
@@ -284,7 +285,8 @@ def _concentrated(plane: Floats, core: float, centre: Floats | None) -> tuple[Fl
     Weights (n,) are inverse densities relative to the uniform density. The density is proportional
     to ``1/(core + t)``, where t is the squared distance from the centre. W of a polygon decays
     similarly. The integral of the density, ``ln(1 + t/core)``, is inverted along lines from the
-    centre. ``centre`` (n, 2): None for the centre of the disc.
+    centre. ``centre`` (n, 2): None for the centre of the disc. An infinite ``core`` returns the
+    points unchanged.
     """
     square = (plane**2).sum(axis=1)
     if math.isinf(core):

@@ -81,10 +81,11 @@ class Cells:
         return numbers, np.repeat(np.arange(len(cells)), counts)
 
     def _nodes(self, cell: int, rate: float, order: int, extra: float) -> tuple[Floats, Complex]:
-        """Return a cell's nodes (n, 2), and weights (n,) times the field in square wavelengths.
+        """Return a cell's nodes (n, 2) in wavelengths, and weights (n,) times the field.
 
-        The rule integrates the product of a wave with ``rate`` cycles per wavelength and a
-        polynomial of order ``order``. It has ``extra`` additional nodes per side.
+        Weights are in square wavelengths. The rule integrates the product of a wave with ``rate``
+        cycles per wavelength and a polynomial of order ``order``. It has ``extra`` additional nodes
+        per side.
         """
         longest = float((self.high[cell] - self.low[cell]).max())
         cycles = _NODE_RATIO * (rate + self.highest_frequency)
@@ -126,7 +127,7 @@ class Cells:
         return self._children[cell]
 
     def _cut(self, cell: int, box: shapely.Polygon) -> None:
-        """Add the part of a cell inside a box as a new cell, unless it is empty."""
+        """Add the part of a cell inside a box in m as a new cell, unless it is empty."""
         polygons, numbers = self._parts[cell]
         parts = shapely.intersection(polygons, box)
         wide = shapely.area(parts) > _SLIVER * box.area
@@ -208,7 +209,7 @@ class Sight:
 
     @property
     def r(self) -> list[Floats]:
-        """Components of r, each of shape (n, i, j) or (n, 1, j)."""
+        """Components of r in wavelengths, each of shape (n, i, j) or (n, 1, j)."""
         across = [
             (self._offset[:, axis, None] + self._y[..., axis])[:, None, :]
             - self._x[..., axis, None]
@@ -299,7 +300,8 @@ class Links:
     def _moments(self, cells: Cells, numbers: Indices, waves: Floats, order: int) -> Complex:
         """Return the integrals M_i of (RX3), shape (n, q^2).
 
-        ``waves`` (n, 2): frequencies in cycles per wavelength, with zero phase at the cell centres.
+        ``waves`` (n, 2): frequencies f of the factors exp(2 pi i f.x) in cycles per wavelength,
+        with x relative to the cell centres.
         """
         fastest = float(np.linalg.norm(waves, axis=1).max(initial=0.0))
         rate = float(np.ceil(fastest / _RATE_STEP) * _RATE_STEP)
@@ -341,7 +343,7 @@ def _contracted(left: Complex, real: Floats, imag: Floats, right: Complex) -> Co
 
 
 def _centre(cells: Cells, numbers: Indices | int) -> Floats:
-    """Return the centres (n, 2) of cells."""
+    """Return the centres (n, 2) of cells in wavelengths."""
     return np.asarray((cells.low[numbers] + cells.high[numbers]) / 2)
 
 
@@ -430,7 +432,7 @@ def _expected_error(links: Links, parts: Pairs) -> Floats:
 
 
 def _initial(links: Links, pairs: Pairs, digits: float) -> Pairs:
-    """Evaluate pairs at the two lowest orders that may give correct digits."""
+    """Evaluate pairs at the two lowest orders that may give ``digits`` correct decimal digits."""
     phase = _phase(links, pairs)
     # Fitted to the lowest sufficient orders of squares at all distances.
     likely = 1 + digits / 3 + 0.8 * np.sqrt(phase)

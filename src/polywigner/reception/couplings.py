@@ -228,7 +228,7 @@ class _Link:
         )
 
     def evaluate(self, poses: Floats) -> tuple[Complex, Floats, Floats]:
-        """Return couplings, estimated errors and allowed errors for poses (n, 4, 4)."""
+        """Return normalised couplings, estimated errors and allowed errors for poses (n, 4, 4)."""
         values: Complex = np.zeros(len(poses), np.complex128)
         errors, limits = np.zeros((2, len(poses)))
         parts: list[Any] = [[(source, None)] for source in self.sources]
@@ -253,7 +253,8 @@ class _Link:
         """Return unnormalised couplings of two parts of the sources, and both kinds of errors.
 
         ``sent`` and ``received``: source and polarisation vector, None for scalar fields. The
-        couplings, the estimated errors and the allowed errors (n,) are in W.
+        couplings, the estimated errors and the allowed errors (n,) are in W. ``floor`` is in W:
+        couplings below ``floor`` times :meth:`_largest` have an absolute allowed error.
         """
         sources = sent[0], received[0]
         cells = [cells_of(source, self.wavelength) for source in sources]
@@ -287,7 +288,8 @@ class _Link:
     ) -> Complex:
         """Return unnormalised far-field couplings (RX4), without the phase due to the distance.
 
-        ``offset`` (n, 3): vectors in m between the centres of the sources. The result (n,) is in W.
+        ``offset`` (n, 3): vectors in m from the transmitter's centre to the receiver's centre, in
+        the transmitter's frame. The result (n,) is in W.
         """
         distance = np.linalg.norm(offset, axis=1)
         towards = offset / distance[:, None]
@@ -306,7 +308,11 @@ class _Link:
 
 
 def _check_facing(poses: Floats, transmitter: Floats, receiver: Floats) -> None:
-    """Raise GeometryError unless the convex hull of each source is in front of the other source."""
+    """Raise GeometryError unless the convex hull of each source is in front of the other source.
+
+    ``transmitter`` and ``receiver`` (k, 2): corners of the hulls in m, in the frames of the
+    sources.
+    """
     rotation = poses[:, :3, :3]
     faces = rotation[:, 2, 2] < 0.0
     there = np.einsum("nj,kj->nk", rotation[:, 2, :2], receiver) + poses[:, 2, 3, None]
@@ -439,7 +445,7 @@ _DARK = 1e-12
 def root_of_norm(
     source: Any, wavelength: float, method: str, normalise: str, jones: Complex | None = None
 ) -> float:
-    """Return the square root of a source's power in W, by which couplings are normalised.
+    """Return the square root of a source's power, in W^0.5, by which couplings are normalised.
 
     ``jones``: polarisation for equivalent currents, None for scalar fields.
     """

@@ -470,7 +470,10 @@ class Pattern:
         return -self._towards(self.azimuth[::step, None], self.elevation[::step]).reshape(-1, 3)
 
     def _towards(self, azimuth: Floats, elevation: Floats) -> Floats:
-        """Return unit vectors towards the radar at angles in rad, displaced from the poles."""
+        """Return unit vectors (..., 3) towards the radar, displaced from the poles.
+
+        The angles are in rad.
+        """
         across = np.cos(elevation)
         is_same_around = self.to_transmitter is None and self.bounces == 1
         pole = 0.0 if is_same_around else _NEAR_POLE

@@ -42,7 +42,7 @@ from polywigner.scattering.facets import (
     less_hidden,
     pieces_of,
     surface_sums,
-    transforms,
+    triangle_transforms,
     visible_along,
     visible_pieces,
 )
@@ -67,9 +67,9 @@ def sums_of_beams(
 
     Waves travel along ``k`` (m, 3) to receivers in the directions ``s`` (m, 3). ``lengths`` (m,):
     wavelengths in m. The scattered field is ``N x h + M h`` for the incident magnetic field h
-    (SC6); N contains the first reflection, M the later ones. M is None without later reflections. N
-    is NaN, with a warning, for directions that fail. Raises ArgumentError if all directions have
-    too many beams.
+    (SC6), with phases relative to the body's centre; N contains the first reflection, M the later
+    ones. M is None without later reflections. N is NaN, with a warning, for directions that fail.
+    Raises ArgumentError if all directions have too many beams.
     """
     nu = (s - k) / lengths[:, None]
     if not facets.casts_shadows:
@@ -248,9 +248,10 @@ class Hits:
 
 
 def hits_after(facets: Facets, ends: Ends, bounces: int) -> Iterator[Hits]:
-    """Yield the parts of triangles that beams illuminate after 1 to ``bounces - 1`` reflections.
+    """Yield the parts of triangles that beams illuminate after 1, then 2, ... reflections.
 
-    Raises ArgumentError if the computation would take more than several minutes.
+    There is one item for each number of reflections up to ``bounces - 1``. Raises ArgumentError if
+    the computation would take more than several minutes.
     """
     beams = _first_beams(facets, ends)
     for number in range(2, bounces + 1):
@@ -312,7 +313,10 @@ def _transformed(matrices: Floats, vectors: Floats) -> Floats:
 
 
 def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
-    """Return the parts of all triangles that beams illuminate after their last reflection."""
+    """Return the parts of all triangles that beams illuminate after their last reflection.
+
+    Parts behind the mirror, and parts hidden by other triangles, are omitted.
+    """
     beam, facet, signs = _candidates(facets, ends, beams)
     pairs, corners = beams.taken(beam), facets.corners[facet]
     unfolded = corners @ np.swapaxes(pairs.rotation, 1, 2) + pairs.shift[:, None]
@@ -345,7 +349,7 @@ def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
 
 
 def _heights(facets: Facets, beams: Beams, corners: Floats) -> Floats:
-    """Return the heights of corners (n, 3, 3) above the last mirrors of n beams, shape (n, 3)."""
+    """Return heights (n, 3) of corners (n, 3, 3) above n mirrors, positive on the beam's side."""
     heights = (corners @ beams.normal[:, :, None])[..., 0] - beams.height[:, None]
     heights[np.abs(heights) < NOTHING * facets.size] = 0.0
     return np.asarray(heights)
@@ -438,7 +442,9 @@ def _add_fields(later: Complex, facets: Facets, hits: Hits, ends: Ends, lengths:
     for start in range(0, len(view), step):
         piece, sample = _members(view[start : start + step], ends.of_view)
         piece, sample = piece + start, ends.samples[sample]
-        waves = transforms(*(phase[piece] / lengths[sample] for phase in (corner, first, second)))
+        waves = triangle_transforms(
+            *(phase[piece] / lengths[sample] for phase in (corner, first, second))
+        )
         _add_rows(later.reshape(-1, 9), sample, waves[:, None] * fields[piece])
 
 

@@ -80,7 +80,7 @@ class Facets:
 
     @cached_property
     def corners(self) -> Floats:
-        """Positions of all corners in m, shape (triangle, corner, component)."""
+        """Corners relative to the body's centre in m, shape (triangle, corner, component)."""
         return self.corner[:, None] + np.stack(
             [np.zeros_like(self.first), self.first, self.second], axis=1
         )
@@ -128,7 +128,7 @@ class Facets:
 def facets_of(body: Any) -> Facets:
     """Return the triangles of a body or plate, cached for equal bodies.
 
-    Raises ArgumentError for other objects, and for plates with a field.
+    Raises ArgumentError for other objects, and for plates with an illumination.
     """
     return _facets(_bodies(body))
 
@@ -211,13 +211,13 @@ class Visible:
 def facing(facets: Facets, direction: Floats, block: slice = slice(None)) -> Sides:
     """Return the sides of triangles that face distant observers who look along ``direction``.
 
-    The result has the shape (..., n) for directions (..., 3).
+    The result has the shape (..., n) for directions (..., 3), with the values of `Sides`.
     """
     return _sides(direction @ facets.normal[block].T, facets.is_plate[block])
 
 
 def facing_point(facets: Facets, point: Floats) -> Sides:
-    """Return the sides of triangles that face a point (3,), shape (n,).
+    """Return the sides of triangles that face a point (3,), as in :func:`facing`, shape (n,).
 
     The point is relative to the body's centre, in m.
     """
@@ -227,9 +227,10 @@ def facing_point(facets: Facets, point: Floats) -> Sides:
 
 
 def _sides(cosine: Floats, is_plate: NDArray[np.bool_]) -> Sides:
-    """Return the sides of triangles that face an observer.
+    """Return the sides of triangles that face an observer, as in :func:`facing`.
 
-    ``cosine``: cosine between the outward normals and the direction from the observer.
+    ``cosine``: cosine between the outward normals and the direction from the observer, negative for
+    the outer side.
     """
     sides = (cosine < -_EDGE_ON).astype(np.int8)
     sides -= ((cosine > _EDGE_ON) & is_plate).astype(np.int8)
@@ -237,7 +238,7 @@ def _sides(cosine: Floats, is_plate: NDArray[np.bool_]) -> Sides:
 
 
 def axes_across(direction: Floats) -> Floats:
-    """Return the image axes of observers who look along ``direction``, shape (..., 2, 3)."""
+    """Return the image axes (..., 2, 3) seen along ``direction``, perpendicular unit vectors."""
     first = np.cross(direction, np.eye(3)[np.abs(direction).argmin(axis=-1)])
     first /= np.linalg.norm(first, axis=-1, keepdims=True)
     return np.stack([first, np.cross(first, direction)], axis=-2)
@@ -331,8 +332,9 @@ def pieces_of(
     """Divide m parts of triangles into triangles; also return the part index of each triangle.
 
     ``numbers``, ``signs`` and ``parts``: index of the original triangle, its visible side, and the
-    part as in :class:`Visible`. A cut part becomes signed triangles between the first corner of its
-    original triangle and each edge of the part.
+    part as in :class:`Visible`. A cut part becomes triangles between the first corner of its
+    original triangle and each edge of the part. Areas may be negative, which reverses
+    ``Pieces.vector``.
     """
     (complete,) = np.nonzero(shapely.is_missing(parts))
     (cut,) = np.nonzero(~shapely.is_missing(parts))
@@ -384,12 +386,14 @@ def surface_sums(pieces: Pieces, nu: Floats, signs: Signs | None = None) -> Comp
             lit = np.nonzero(sides)
             vectors = block.corner, block.first, block.second
             values = np.zeros(shape, np.complex128)
-            values[lit] = transforms(*((nu[rows_here] @ v.T)[lit] for v in vectors)) * sides[lit]
+            values[lit] = (
+                triangle_transforms(*((nu[rows_here] @ v.T)[lit] for v in vectors)) * sides[lit]
+            )
             result[rows_here] += values @ block.vector
     return result
 
 
-def transforms(corner: Floats, first: Floats, second: Floats) -> Complex:
+def triangle_transforms(corner: Floats, first: Floats, second: Floats) -> Complex:
     """Return the Fourier transforms of triangles, divided by twice their areas (F5).
 
     The arguments are dot products of the frequency with the first corner and with both sides, in
@@ -440,9 +444,10 @@ def illuminates_itself(facets: Facets, travelling: Floats) -> bool:
 
 
 def _reflects_to_another(facets: Facets, k: Floats, rays: Indices, count: int) -> bool:
-    """Return whether any of ``count`` rays along ``k`` is reflected to another face.
+    """Return whether any of the rays with the indices ``rays`` is reflected to another face.
 
-    Faces that are parallel within 30 degrees reflect forwards and count as one face.
+    There are ``count`` rays along ``k`` in total. Faces that are parallel within 30 degrees reflect
+    forwards and count as one face.
     """
     signs = facing(facets, k)
     if not signs.any():
@@ -464,7 +469,10 @@ def _reflects_to_another(facets: Facets, k: Floats, rays: Indices, count: int) -
 
 
 def _first_met(facets: Facets, start: Floats, along: Floats) -> Indices:
-    """Return the index of the first triangle that each ray meets, or -1, shape (n,)."""
+    """Return the index of the first triangle that each ray meets, or -1, shape (n,).
+
+    Rays begin at ``start`` (n, 3) and continue along ``along`` (n, 3).
+    """
     # Barycentric coordinates are dot products with dual vectors of the triangle.
     squared = np.square(facets.vector).sum(axis=1, keepdims=True)
     duals = np.cross(facets.second, facets.vector), np.cross(facets.vector, facets.first)

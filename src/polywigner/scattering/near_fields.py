@@ -39,7 +39,7 @@ from polywigner.scattering.facets import (
     Visible,
     facing_point,
     less_hidden,
-    transforms,
+    triangle_transforms,
     visible_from,
     visible_pieces,
     warn_of_reflections,
@@ -116,7 +116,7 @@ def checked_polarisations(
 def spherical_axes(towards: Floats) -> dict[str, Floats]:
     """Return unit vectors along the polar angle ("v") and the azimuth ("h"), shape (..., 3).
 
-    For directions along z, the azimuth is 0.
+    Both angles increase along these vectors. For directions along z, the azimuth is 0.
     """
     x, y, z = np.moveaxis(towards, -1, 0)
     across = np.hypot(x, y)
@@ -152,13 +152,13 @@ class Antenna:
 
     @cached_property
     def extent(self) -> float:
-        """Diagonal of the bounding box."""
+        """Diagonal of the source's bounding box in m."""
         radiator = radiator_of(self.source)
         return float(np.linalg.norm(radiator.high - radiator.low))
 
     @cached_property
     def position(self) -> Floats:
-        """Centre of the source in the body's frame, shape (3,)."""
+        """Vector (3,) in m from the body's centre to the source's centre, in the body's frame."""
         centre = np.append(radiator_of(self.source).centre, 0.0)
         return np.asarray((centre - self.pose[:3, 3]) @ self.frame)
 
@@ -169,7 +169,7 @@ class Antenna:
 
     @cached_property
     def root_of_power(self) -> float:
-        """Square root of the power in W of the unscaled source."""
+        """Square root of the power of the unscaled source, in W^0.5."""
         method = self.condition if self.jones is None else _MODEL
         return root_of_norm(self.source, self.wavelength, method, self.normalise, self.jones)
 
@@ -185,7 +185,10 @@ class Antenna:
         return np.asarray(self._amplitude(points)[0] / self.root_of_power)
 
     def _amplitude(self, points: Floats) -> tuple[Complex, Floats]:
-        """Return the scalar field of the unscaled source at points of the body, and its error."""
+        """Return the scalar field of the unscaled source at points of the body, and its error.
+
+        The error is absolute.
+        """
         how: Any = self.wavelength, self.condition
         points = self.to_frame(points)
         field, error = amplitude_with_error(self.source, points, *how, tolerance=self.tolerance)
@@ -228,7 +231,10 @@ class Antenna:
         return electric @ scale, magnetic @ scale
 
     def power_at_centre(self) -> float:
-        """Return |U|^2 in W/m^2 at the body's centre for 1 W, 0 if |U| is at most its error."""
+        """Return |U|^2, or |E|^2 of a polarised wave, in W/m^2 at the body's centre for 1 W.
+
+        The value is 0 if |U| is at most its error.
+        """
         if self.jones is not None:
             return float(np.square(np.abs(self._fields(np.zeros(3))[0])).sum())
         value, error = self._amplitude(np.zeros(3))
@@ -349,8 +355,9 @@ def near_sums(
 
     ``polarisations``: vectors (..., 3) of receiver and transmitter, normal to their directions from
     the body's centre, which broadcast; the result has the shape (...). At other points, the vectors
-    are projected. If both antennas are the same object, its fields are computed once. The result is
-    NaN, with a warning, if the illuminated polygons cannot be computed.
+    are projected. For polarised antennas, only the shapes of the vectors are used. If both antennas
+    are the same object, its fields are computed once. The result is NaN, with a warning, if the
+    illuminated polygons cannot be computed.
     """
     try:
         lit = _illuminated(facets, transmitter, receiver)
@@ -423,7 +430,7 @@ def _summed(
             parts = parts * back
         nu = -(ahead + behind) / transmitter.wavelength
         cycles = [(nu * side).sum(axis=1) for side in (block.first, block.second)]
-        weights = transforms(-(cycles[0] + cycles[1]) / 3, *cycles)
+        weights = triangle_transforms(-(cycles[0] + cycles[1]) / 3, *cycles)
         total += (parts * weights).sum(axis=-1)
     return total
 
@@ -460,7 +467,10 @@ def _divided(pieces: Pieces, transmitter: Antenna, receiver: Antenna, tolerance:
 
 
 def _deviation(pieces: Pieces, transmitter: Antenna, receiver: Antenna) -> Floats:
-    """Return the mean relative deviation of fields from plane waves on each piece (SC4)."""
+    """Return the mean relative deviations (n,) of fields from plane waves on each piece (SC4).
+
+    Both antennas' deviations are added.
+    """
     sides = (pieces.first, pieces.second, pieces.second - pieces.first)
     longest = np.max([np.linalg.norm(side, axis=1) for side in sides], axis=0)
     centre = pieces.corner + (pieces.first + pieces.second) / 3
@@ -574,7 +584,8 @@ def _polarisations(
 ) -> tuple[Pair | tuple[None, None], Pair]:
     """Return Jones vectors, or None for scalar antennas, and polarisation vectors (..., k, 3).
 
-    Without a polarisation, k is 2, with two perpendicular vectors for each antenna.
+    Both pairs are for receiver and transmitter. Without a polarisation, k is 2, with two
+    perpendicular vectors for each antenna; otherwise k is 1.
     """
     both = [spherical_axes(towards) for towards in (to_radar, to_sender)]
     q, p = (np.stack([axes["v"], axes["h"]], axis=-2).astype(np.complex128) for axes in both)

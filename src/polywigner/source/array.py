@@ -233,7 +233,7 @@ class Array(TakesWaves):
 
     @cached_property
     def elements(self) -> tuple[Element, ...]:
-        """The elements, each with its field."""
+        """The elements, each with its field but without its weight."""
         # Only phased arrays reach this line; __init__ sets the elements of other arrays.
         assert self.repeated is not None
         element, positions = self.repeated
@@ -281,7 +281,7 @@ class Array(TakesWaves):
 
     @cached_property
     def support(self) -> Aperture:
-        """The union of the elements, which contains all points with a field.
+        """The union of the elements, a uniform aperture that contains all points with a field.
 
         ``polywigner.automean(array.support)`` contains the support of the Wigner function.
 

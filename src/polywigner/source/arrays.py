@@ -419,7 +419,7 @@ def window_weights(
 
 
 def _window(count: int, name: str, sll: float, nbar: int) -> Floats:
-    """Return the amplitudes (count,) of a window, with the sidelobe suppression ``sll`` in dB."""
+    """Return the unnormalised amplitudes (count,) of a window; ``sll`` is in dB."""
     checked_choice(name, "window", WINDOWS)
     if name == "uniform" or count == 1:
         return np.ones(count)

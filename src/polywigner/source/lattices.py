@@ -99,7 +99,8 @@ def _shortest_difference(positions: Floats, extent: float, other: Floats | None)
     """Return the shortest difference of two positions that is not parallel to ``other``.
 
     The x component of the vector is positive, or zero with a positive y component. The result is
-    None if there is no such difference.
+    None if there is no such difference. ``extent``: size of the array. ``other``: None for any
+    direction.
     """
     best, length = None, np.inf
     # Equally spaced indices, because positions are usually ordered by rows.

@@ -109,7 +109,7 @@ class RepeatedElement:
     """Weights of the copies, shape (n,)."""
 
     @cached_property
-    def sites(self) -> Lattice | None:
+    def lattice(self) -> Lattice | None:
         """The lattice of the positions in the plane; None if there is no lattice."""
         return lattice_of(self.positions, self.weights)
 
@@ -179,7 +179,7 @@ class Source:
         return len(self.weights)
 
     @cached_property
-    def lattice(self) -> RepeatedElement | None:
+    def copies(self) -> RepeatedElement | None:
         """The elements as shifted copies of one element; None if they are not copies.
 
         Fewer than 24 elements are not tested, and have None unless they are a phased array.
@@ -203,7 +203,7 @@ class Source:
 
     @cached_property
     def frequencies(self) -> Floats:
-        """Distinct frequencies of all waves in 1/m, shape (m, d)."""
+        """Distinct frequencies of all waves in 1/m, shape (m, d); 0 for uniform fields."""
         return np.unique(np.concatenate([e.frequencies for e in self.distinct]) + 0.0, axis=0)
 
     @cached_property

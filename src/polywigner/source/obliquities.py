@@ -146,7 +146,10 @@ class Obliquity:
 
     @property
     def mirrored(self) -> float:
-        """Factor by which the mirror image's field contributes to the field at a point, (B2)."""
+        """Factor by which the mirror image's field contributes to the field at a point, (B2).
+
+        It is -1 for "rayleigh-sommerfeld-1", 0 for "kirchhoff" and 1 for "rayleigh-sommerfeld-2".
+        """
         return self.slope - self.field
 
     def amplitude(self, cosine: Any, p: Any = 1.0) -> Any:

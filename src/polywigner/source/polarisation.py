@@ -78,7 +78,10 @@ def checked_polarisation(polarisation: Any, source: Any = None) -> Complex:
 
 
 def is_pair(polarisation: Any) -> bool:
-    """Return whether a value consists of two polarisations, one for each of two sources."""
+    """Return whether a value consists of two polarisations, one for each of two sources.
+
+    Two numbers are the components of a single Jones vector.
+    """
     if not isinstance(polarisation, (list, tuple)):
         polarisation = list(polarisation) if np.ndim(polarisation) > 0 else []
     kinds = (str, list, tuple, np.ndarray)

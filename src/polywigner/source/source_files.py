@@ -41,7 +41,7 @@ from polywigner.source.source_tables import (
     ShapeTable,
     Table,
     WeightTable,
-    called,
+    call_table,
     converted,
     product_of,
     required_wavelength,
@@ -131,7 +131,7 @@ class ApertureTable(_Illuminated, tag="aperture"):
             elif self.polygons is not None:
                 outline = _aperture_of_polygons(self.polygons)
             else:
-                outline = called(self.shape)
+                outline = call_table(self.shape)
         aperture: Aperture = self.illuminated(outline, Aperture, context)
         if self.to_world is None:
             return aperture
@@ -148,7 +148,7 @@ class SlitsTable(_Illuminated, tag="slits"):
     def source(self, context: Context) -> Slits:
         """Return the slits of the table, with their field."""
         with at_key(_only_key(self, "intervals", "shape")):
-            outline = called(self.shape) if self.intervals is None else Slits(self.intervals)
+            outline = call_table(self.shape) if self.intervals is None else Slits(self.intervals)
         slits: Slits = self.illuminated(outline, Slits, context)
         return slits
 
@@ -204,7 +204,7 @@ class PhasedArrayTable(Kind, tag="phased-array"):
         positions: Any = self.positions
         if not isinstance(positions, list):
             with at_key("positions"):
-                positions = called(positions)
+                positions = call_table(positions)
         weights: Any = self.weights
         if isinstance(weights, list) and not isinstance(weights[0], dict):
             weights = converted(weights, list[Complex], key="weights")

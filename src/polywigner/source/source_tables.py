@@ -154,7 +154,7 @@ def _union_of(functions: Mapping[str, Callable[..., Any]], base: type = Kind) ->
 
 
 def _row_positions(count: int, pitch: float) -> NDArray[np.float64]:
-    """Return the positions (count, 1) in m of slits in a row."""
+    """Return the positions (count, 1) in m of slits in a row, centred at 0."""
     return arrays.grid_positions(count, 1, pitch)[:, :1]
 
 
@@ -174,10 +174,13 @@ WeightTable = _union_of({
 ShapeTable = _union_of({name: getattr(shapes, name) for name in shapes.__all__}, _Shape)
 
 
-def called(table: Any, wavelength: float | None = None, layout: Any = None, **context: Any) -> Any:
-    """Call the function of a table with the values of the table and of ``context``.
+def call_table(
+    table: Any, wavelength: float | None = None, layout: Any = None, **context: Any
+) -> Any:
+    """Return the result of the function that a table specifies, called with the table's values.
 
     ``wavelength``: default in m. ``layout``: table of the positions, required by windows.
+    ``context``: further arguments, used if the function has them.
     """
     function, values = _FUNCTIONS[type(table)], msgspec.structs.asdict(table)
     parameters = inspect.signature(function).parameters
@@ -200,7 +203,7 @@ def called(table: Any, wavelength: float | None = None, layout: Any = None, **co
 
 def product_of(tables: Any, wavelength: float | None, **context: Any) -> Any:
     """Return the product of the fields or weights that one or several tables describe."""
-    factors = (called(table, wavelength, **context) for table in _as_list(tables))
+    factors = (call_table(table, wavelength, **context) for table in _as_list(tables))
     return functools.reduce(operator.mul, factors)
 
 
@@ -265,7 +268,10 @@ def apply_texts(source: Any, texts: Mapping[str, str], wavelength: float | None)
 
 
 def _with_text(source: Any, name: str, texts: Mapping[str, str], wavelength: float | None) -> Any:
-    """Return a source to which the short string ``texts[name]`` is applied."""
+    """Return a source to which the short string ``texts[name]`` is applied.
+
+    Windows also use the layout ``texts["array"]``, if present.
+    """
     text = texts[name]
     if name in ("curved", "coherence"):
         expected = "an aperture, slits or an array for this option"
@@ -280,9 +286,11 @@ def _with_text(source: Any, name: str, texts: Mapping[str, str], wavelength: flo
         checked_type(source, "an aperture for this option", Aperture)
         if name == "taper":
             return _tapered(source, table)
-        return phased_array(source, called(converted(table, LayoutTable, strict=False)))
+        return phased_array(source, call_table(converted(table, LayoutTable, strict=False)))
     if name == "steering" and isinstance(source, Aperture):
-        return _with_factor(source, called(converted(table, FieldTable), wavelength, dimension=2))
+        return _with_factor(
+            source, call_table(converted(table, FieldTable), wavelength, dimension=2)
+        )
     if not isinstance(source, Array) or source.repeated is None:
         raise ArgumentError(
             "expected an array of identical elements with a flat wave, got "
@@ -294,12 +302,15 @@ def _with_text(source: Any, name: str, texts: Mapping[str, str], wavelength: flo
         layout = converted(_table_of_text("array", texts["array"]), LayoutTable, strict=False)
     element, positions = source.repeated
     weights = converted(table, WeightTable, strict=False)
-    factor = called(weights, wavelength, layout, positions=positions, dimension=2)
+    factor = call_table(weights, wavelength, layout, positions=positions, dimension=2)
     return repeated_element(element, positions, source.weights * factor)
 
 
 def _tapered(aperture: Aperture, table: dict[str, Any]) -> Aperture:
-    """Return an aperture with the taper of a table, which spans its bounding box."""
+    """Return an aperture whose field is multiplied by the taper of a table.
+
+    The taper spans the bounding box of the aperture.
+    """
     xmin, ymin, xmax, ymax = aperture.bounds
     sizes = {"width": xmax - xmin, "height": ymax - ymin}
     axis = table.pop("axis", None)
@@ -307,7 +318,7 @@ def _tapered(aperture: Aperture, table: dict[str, Any]) -> Aperture:
         del sizes["height" if axis == "x" else "width"]
     if table.get("m") == "0":
         table["component"] = "x"
-    field = called(converted(table | sizes, FieldTable, strict=False), dimension=2)
+    field = call_table(converted(table | sizes, FieldTable, strict=False), dimension=2)
     return _with_factor(aperture, field.moved(aperture.centre))
 
 
@@ -318,7 +329,10 @@ def _with_factor(aperture: Aperture, field: Illumination) -> Aperture:
 
 
 def parse_direction(text: str) -> tuple[float, float]:
-    """Parse "20 deg" or "20 deg, 90 deg" to theta >= 0 and phi in rad; or raise QuantityError."""
+    """Parse "20 deg" or "20 deg, 90 deg" to theta >= 0 and phi in rad; or raise QuantityError.
+
+    By default phi is 0. A negative theta becomes positive, and phi is rotated by pi.
+    """
     theta, *phi = map(quantities.parse_angle, _split_at_commas(text))
     # Rejects degrees without a unit.
     if len(phi) > 1 or not abs(theta) < math.pi / 2:

@@ -515,7 +515,7 @@ def _distinct_frequencies(frequencies: Any, dimension: int) -> Floats:
 
 
 def _default_frequencies(extent: Floats, order: int, samples: int) -> Floats:
-    """Return frequencies (m, d) of waves whose period is a fraction of twice the sampled extent.
+    """Return the frequencies (m, d) of waves that are periodic over twice the sampled extent (d,).
 
     ``order`` is the largest number of periods, which is reduced if there are few samples.
     """

@@ -53,7 +53,10 @@ _MOST, _BLOCK = 1 << 26, 1 << 17
 
 
 def _bilinear_weights(count_u: int, count_v: int) -> Floats:
-    """Return weights (n, 4) of the corners of a cell at a grid of points, count_u x count_v."""
+    """Return weights (n, 4) of the corners of a cell at a grid of points, count_u x count_v.
+
+    The corners (u, v) are (0, 0), (1, 0), (0, 1) and (1, 1).
+    """
     u, v = (a.ravel() for a in np.meshgrid(np.linspace(0, 1, count_u), np.linspace(0, 1, count_v)))
     return np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=1)
 
@@ -75,7 +78,7 @@ class Converged(NamedTuple):
 
 
 def converged(evaluate: Callable[[int], Complex], allowed: float, what: str) -> Converged:
-    """Increase the number of nodes until the values of an integral change by at most ``allowed``.
+    """Return an integral, refined until its values change by at most ``allowed``.
 
     ``evaluate`` returns the values for a number of additional nodes. ``what`` is the name of the
     integral in a warning. If no number of nodes suffices, a warning is issued and the last values
@@ -117,9 +120,10 @@ class AberratedPupil:
     def of(
         cls, source: Any, aberration: Aberration | None, wavelength: float, bend: float
     ) -> AberratedPupil:
-        """Return the pupil of a coherent source with an aberration and a defocus ``bend`` in 1/m^2.
+        """Return the pupil of a coherent source with an aberration and a defocus.
 
-        Raises ArgumentError for slits.
+        The defocus is the phase exp(2 pi i bend |x|^2), with ``bend`` in 1/m^2. Raises
+        ArgumentError for slits.
         """
         form = normal_form(source)
         if form.dimension != 2:
@@ -141,12 +145,12 @@ class AberratedPupil:
 
     @cached_property
     def content(self) -> float:
-        """Upper bound on the integral of |u| over the pupil, where u is the field."""
+        """Upper bound on the integral of |u| over the pupil, where u is the weighted field."""
         return float((np.abs(self.weights) * self.amplitudes) @ shapely.area(self.polygons))
 
     @cached_property
-    def energy(self) -> float:
-        """Upper bound on the integral of |u|^2 over the pupil, where u is the field."""
+    def energy_bound(self) -> float:
+        """Upper bound on the integral of |u|^2 over the pupil, where u is the weighted field."""
         return float((np.abs(self.weights) * self.amplitudes) ** 2 @ shapely.area(self.polygons))
 
     @cached_property
@@ -188,14 +192,17 @@ class AberratedPupil:
         return values
 
     def field(self, number: int, x: Floats) -> Complex:
-        """Return the field of an element at points (..., 2), without the weight of the element."""
+        """Return the aberrated field of an element at points (..., 2), without its weight."""
         flat = x.reshape(-1, 2)
         waves = self.waves(np.full(len(flat), number), flat).reshape(x.shape[:-1])
         return np.asarray(waves * np.exp(2j * np.pi * self.cycles(x)))
 
     @cached_property
     def _cells(self) -> list[tuple[Cells, Floats]]:
-        """Trapezoids (n, 4, 2) that form each element, and phase gradients at points in them."""
+        """Trapezoids (n, 4, 2) that form each element, and phase gradients at points in them.
+
+        The gradients (n, points, 2) are in cycles per metre.
+        """
         cells = [trapezoids(element.rings).corners for element in self.elements]
         return [(corners, self.slopes(_IN_TRAPEZOID @ corners)) for corners in cells]
 
@@ -206,7 +213,8 @@ class AberratedPupil:
 
         The nodes have the shape (n, m, 2), and all nodes of a row have the same x. The field is
         multiplied by waves exp(-2 pi i nu.x), and ``band`` contains the lowest and the highest
-        frequency nu along each axis.
+        frequency nu along each axis. ``extra``: number of additional nodes along each side of a
+        cell. ``error`` is relative to the integral of the modulus.
         """
         kappa = self.elements[number].frequencies
         low, high = kappa.min(axis=0) - band[1], kappa.max(axis=0) - band[0]
@@ -223,8 +231,8 @@ def _node_counts(
 ) -> Indices:
     """Return the numbers of nodes along both directions of each cell.
 
-    ``slopes`` [cycles/m] has the shape (n, samples, 2). ``half_band`` is the largest deviation of
-    the frequencies from ``slopes``. Raises ArgumentError if too many nodes are needed.
+    ``slopes`` [cycles/m] has the shape (n, samples, 2). ``half_band`` (2,) is the largest deviation
+    of the frequencies from ``slopes``. Raises ArgumentError if too many nodes are needed.
     """
     sides = cells[:, (1, 3, 2, 3)] - cells[:, (0, 2, 0, 1)]
     cycles = np.abs(slopes @ sides.transpose(0, 2, 1)).max(axis=1) + np.abs(sides) @ half_band
@@ -258,7 +266,10 @@ class Slices:
 
 
 def slices_of(pupil: AberratedPupil, lags: Floats) -> Slices:
-    """Return the regions in which both x + xi/2 and x - xi/2 lie in the pupil, for each lag xi."""
+    """Return the regions in which both x + xi/2 and x - xi/2 lie in the pupil, for each lag xi.
+
+    ``lags`` (n, 2) are in m.
+    """
     boxes = shapely.bounds(pupil.polygons)
     low, high = boxes[:, :2], boxes[:, 2:]
     half = lags[:, None, None] / 2
@@ -279,9 +290,9 @@ def slice_integrals(
 ) -> Complex:
     """Return integrals of u(x + xi/2) u*(x - xi/2) over the regions, times optional factors.
 
-    The field u does not contain the weights of the elements. ``factors(x + xi/2, x - xi/2)``
-    returns k factors for each point. The result has the shape (k, regions), with k = 1 without
-    factors.
+    The aberrated field u does not contain the weights of the elements. ``factors(x + xi/2, x -
+    xi/2)`` returns k factors for each point. The result has the shape (k, regions), with k = 1
+    without factors.
     """
     half = regions.lags[regions.row] / 2
     kappa = np.concatenate([element.frequencies for element in pupil.elements])
@@ -333,7 +344,7 @@ def region_integrals(
 
 
 def by_lag(regions: Slices, integrals: Complex) -> Complex:
-    """Return the weighted sums of integrals over all regions that belong to the same lag.
+    """Return the sums of integrals times ``regions.weights``, over all regions of the same lag.
 
     The integrals have the shape (k, regions), and the sums the shape (k, lags).
     """
@@ -342,9 +353,9 @@ def by_lag(regions: Slices, integrals: Complex) -> Complex:
 
 
 def checked_aberration(aberration: Any, wavelength: Any, *, has_gradients: bool = False) -> float:
-    """Return the wavelength. Raises ArgumentError if the wavelength or the aberration is invalid.
+    """Return the wavelength in m; raise ArgumentError if it or the aberration is invalid.
 
-    ``has_gradients`` specifies whether Dr.Jit coefficients are allowed.
+    The aberration may be None. ``has_gradients`` specifies whether Dr.Jit coefficients are allowed.
     """
     expected = "aberration to be a polywigner.Aberration"
     advice = "use polywigner.zernike, or Aberration(function)"
@@ -363,6 +374,6 @@ def checked_aberration(aberration: Any, wavelength: Any, *, has_gradients: bool 
 
 
 def checked_tolerance(tolerance: Any) -> float:
-    """Return the tolerance. Raises ArgumentError if it is invalid."""
+    """Return a tolerance from 1e-13 to 0.1; raise ArgumentError for other values."""
     meaning = "a fraction from 1e-13 to 0.1"
     return checked_number(tolerance, "tolerance", meaning, lambda x: 1e-13 <= x <= 0.1)

@@ -43,7 +43,7 @@ Order = tuple[int, int]
 def noll(j: int) -> Order:
     """Return the order (n, m) of the Zernike polynomial with a Noll index, which starts at 1.
 
-    Source: R. J. Noll, J. Opt. Soc. Am. 66, 207 (1976).
+    Sine terms have m < 0. Source: R. J. Noll, J. Opt. Soc. Am. 66, 207 (1976).
     """
     n = (math.isqrt(8 * j - 7) - 1) // 2
     rank = j - n * (n + 1) // 2 - 1
@@ -54,14 +54,17 @@ def noll(j: int) -> Order:
 def osa(j: int) -> Order:
     """Return the order (n, m) of the Zernike polynomial with an OSA/ANSI index, which starts at 0.
 
-    Source: ANSI Z80.28.
+    Sine terms have m < 0. Source: ANSI Z80.28.
     """
     n = (math.isqrt(8 * j + 1) - 1) // 2
     return n, 2 * j - n * (n + 2)
 
 
 def fringe(j: int) -> Order:
-    """Return the order (n, m) of the Zernike polynomial with a fringe index, which starts at 1."""
+    """Return the order (n, m) of the Zernike polynomial with a fringe index, which starts at 1.
+
+    Sine terms have m < 0.
+    """
     d = math.isqrt(j - 1)
     rank = j - 1 - d * d
     m = d - rank // 2
@@ -85,7 +88,7 @@ INDEXINGS = {
 
 
 def zernike_norm(order: Order) -> float:
-    """Return the factor by which a Zernike polynomial must be multiplied for unit rms."""
+    """Return the factor for unit rms of a Zernike polynomial whose maximum at the rim is 1."""
     n, m = order
     return math.sqrt((n + 1) * (2 if m else 1))
 
@@ -111,7 +114,10 @@ def zernike_gradients(orders: Sequence[Order], x: Floats, y: Floats) -> Floats:
 
 
 def _complex_polynomials(highest: int, x: Floats, y: Floats) -> dict[Order, Complex]:
-    """Return the complex Zernike polynomials V_n^m at points for m >= 0 and n up to ``highest``."""
+    """Return the complex Zernike polynomials V_n^m at points, by (n, m).
+
+    The table contains m >= 0 and n up to ``highest``.
+    """
     z = np.asarray(x) + 1j * np.asarray(y)
     table: dict[Order, Complex] = {(0, 0): np.ones_like(z)}
     for n in range(1, highest + 1):
@@ -194,11 +200,11 @@ class PowerModes:
     radius: float
 
     def values(self, x: Floats, y: Floats) -> Floats:
-        """Return the values of the products at positions in m, one row for each product."""
+        """Return the values of the power products at positions in m, one row for each product."""
         return np.array([(x / self.radius) ** i * (y / self.radius) ** j for i, j in self.powers])
 
     def gradients(self, x: Floats, y: Floats) -> Floats:
-        """Return the derivatives of the products along x and y in 1/m, shape (k, 2, ...)."""
+        """Return the derivatives of the power products along x and y in 1/m, shape (k, 2, ...)."""
         u, v = x / self.radius, y / self.radius
         derivatives = [
             (i * u ** max(i - 1, 0) * v**j, j * u**i * v ** max(j - 1, 0)) for i, j in self.powers
@@ -349,9 +355,9 @@ class Aberration(Immutable):
         return np.asarray(np.einsum("k,kd...->...d", self.coefficients, gradients))
 
     def modes(self, x: Floats, y: Floats) -> Floats:
-        """Return the derivative of the path length W with respect to each coefficient.
+        """Return the derivatives (k, ...) of the path length W with respect to the k coefficients.
 
-        The positions x and y are in m. The result has one row for each coefficient.
+        The positions x and y are in m.
         """
         return np.concatenate([modes.values(x, y) for modes in self._modes])
 
@@ -548,9 +554,10 @@ def _zernike_modes(
 
 
 def _gram_schmidt(modes: ZernikeModes, pupil: Aperture | Array) -> Floats:
-    """Return the lower triangular matrix that makes polynomials orthonormal on a pupil.
+    """Return the lower triangular matrix (k, k) that makes k polynomials orthonormal on a pupil.
 
-    Raises ArgumentError if they are linearly dependent on the pupil.
+    New polynomials are the matrix times the old ones, and have unit rms over the area. Raises
+    ArgumentError if the polynomials are linearly dependent on the pupil.
     """
     degree = max(n for n, _ in modes.orders)
     triangles, _ = triangles_of(polygons_of(normal_form(pupil).in_plane.elements))

@@ -49,7 +49,7 @@ from polywigner.transforms.wavefronts import (
     degree_of_coherence,
     mean_over_tilts,
     principal_axes,
-    within_widths,
+    wigner_at_any_width,
 )
 from polywigner.transforms.xarray_arguments import content_units, takes_xarray
 
@@ -117,9 +117,9 @@ def compute(
 ) -> Values:
     """Return a public transform of a source at NumPy points or Dr.Jit points.
 
-    The Fourier transform of arrays and of sources with several waves is computed by
-    :func:`polywigner.fourier`. ``through`` and ``wavelength`` [m] must be specified together, and
-    the points are then points behind the optical system.
+    ``points``: arguments of the transform by name. The Fourier transform of arrays and of sources
+    with several waves is computed by :func:`polywigner.fourier`. ``through`` and ``wavelength`` [m]
+    must be specified together, and the points are then points behind the optical system.
     """
     call = partial(_before_system, name, source, through, wavelength, (precision, engine))
     is_differentiable = isinstance(source, Differentiable)
@@ -378,7 +378,7 @@ def _of_partly_coherent_wave(name: str, wave: Wavefront, points: Points, how: Op
         """Return the Wigner function of a source for which the closed form is accurate."""
         return _of_curved_wave("wigner", limited, {"x": x, "nu": nu}, how)
 
-    return within_widths(closed_form, of_coherent, wave, x, nu, double)
+    return wigner_at_any_width(closed_form, of_coherent, wave, x, nu, double)
 
 
 def _checked_components(points: Points, dimension: int) -> dict[str, Values]:

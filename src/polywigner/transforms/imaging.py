@@ -96,8 +96,8 @@ def transmission_cross_coefficient(
         Apertures of the condenser, in the same form as ``pupil``. The elements are incoherent with
         one another.
     xi_1, xi_2 : array_like, shape (..., 2)
-        Lags in the pupil in m. A lag is the product of the wavelength, the distance and a frequency
-        of the object.
+        Lags in the pupil in m, which broadcast. A lag is the product of the wavelength, the
+        distance and a frequency of the object.
     defocus : float, default 0
         Wavefront aberration W20 at ``pupil_radius`` in waves, as in :func:`otf`.
     pupil_radius : float, optional
@@ -289,9 +289,9 @@ class _System:
         return len(self.condenser) * len(self.pupil) ** 2
 
     def coefficients(self, lags: Floats, first: Indices, second: Indices) -> Complex:
-        """Return the transmission cross coefficient of each pair of lags.
+        """Return the transmission cross coefficients (n,) of pairs of lags.
 
-        ``first`` and ``second`` contain the indices of both lags of a pair.
+        ``first`` and ``second`` (n,) contain the indices of both lags of a pair in ``lags`` (m, 2).
         """
         total = np.zeros(len(first), np.complex128)
         nu = 2.0 * self.slope * (lags[second] - lags[first])
@@ -309,9 +309,10 @@ class _System:
         return total * chirp[first] * chirp[second].conj() / self.power
 
     def _integrals(self, polygons: Any, nu: Floats, ahead: Floats, behind: Floats) -> Complex:
-        """Return integrals of exp(-2 pi i nu.x + 2 pi i [W(x + ahead) - W(x + behind)]).
+        """Return integrals (n,) of exp(-2 pi i nu.x + 2 pi i [W(x + ahead) - W(x + behind)]).
 
-        Each integral extends over one of the polygons, and W is the path length in cycles.
+        Each integral extends over one of the n polygons. W is the path length of the aberration in
+        cycles, without the defocus.
         """
         path = self.aberration
         if path is None:
@@ -361,7 +362,10 @@ def _waves_of_elements(source: Aperture | Array) -> list[list[_Term]]:
 
 
 def _passing_parts(light: Any, pupil: Any, lags: Floats) -> NDArray[Any]:
-    """Return the part of a condenser polygon whose light passes a pupil polygon, for each lag."""
+    """Return the part of a condenser polygon at which x + lag lies in a pupil polygon.
+
+    The result has one part for each lag.
+    """
     return shapely.intersection(shifted(np.full(len(lags), pupil, object), -lags), light)
 
 
@@ -382,7 +386,10 @@ def _polygon_transforms(polygons: Any, frequencies: Any) -> Complex:
 
 
 def _candidate_frequencies(system: _System, lattice: Floats, scale: float) -> Floats:
-    """Return the frequencies of the diffraction orders that may pass the pupil, in 1/m."""
+    """Return the frequencies of the diffraction orders that may pass the pupil, in 1/m.
+
+    ``scale``: wavelength times distance in m^2.
+    """
     reciprocal = np.linalg.inv(lattice).T
     pupil, light = (
         np.array(shapely.total_bounds([t.polygon for t in terms])).reshape(2, 2)

@@ -276,7 +276,7 @@ def autocorrelation(
     x : array_like, shape (..., d)
         Positions in m. A position is the midpoint of the two points.
     xi : array_like, shape (..., d)
-        Lags in m. A lag is the difference of the two points.
+        Lags in m, which broadcast against ``x``. A lag is the difference of the two points.
     precision, engine : str, optional
         See :func:`fourier`.
 
@@ -333,7 +333,7 @@ def wigner(
     x : array_like, shape (..., d)
         Positions in m.
     nu : array_like, shape (..., d)
-        Real spatial frequencies in 1/m.
+        Real spatial frequencies in 1/m, which broadcast against ``x``.
     through : FirstOrder, optional
         Optical system between the source and the plane of ``x`` and ``nu``. The Wigner function in
         this plane equals the Wigner function of the source, at the position and direction from
@@ -397,7 +397,7 @@ def ambiguity(
     upsilon : array_like, shape (..., d)
         Real frequency shifts in 1/m.
     xi : array_like, shape (..., d)
-        Lags in m.
+        Lags in m, which broadcast against ``upsilon``.
     through : FirstOrder, optional
         Optical system between the source and the plane of the lags, (O3). For slits the system
         must not couple x and y.
@@ -499,8 +499,8 @@ def lag_marginal(
     Returns
     -------
     ndarray, shape (...)
-        Values of R_xi in m^d. They are real for a uniform source, and complex for an Array and for
-        a source with an illumination. For Dr.Jit arrays and DataArrays see :func:`fourier`.
+        Values of R_xi in m^d. They are real for a uniform source, and complex for an Array, an
+        illumination and a curved wave. For Dr.Jit arrays and DataArrays see :func:`fourier`.
 
     Raises
     ------

@@ -101,7 +101,7 @@ def otf(
     ndarray of complex, shape (...)
         Dimensionless values of the OTF, with a value of 1 at zero lag. DataArrays are supported as
         in :func:`fourier`. For a :func:`differentiable` pupil, and for an aberration with Dr.Jit
-        coefficients, the result is a Dr.Jit ``Complex2f`` with n entries and derivatives.
+        coefficients, the result is a Dr.Jit ``Complex2f`` with derivatives and one entry per lag.
 
     Raises
     ------
@@ -172,7 +172,10 @@ def _otf_jets(
 def energy_jets(
     source: Any, pupil: AberratedPupil | None, numbers: PupilNumbers, tolerance: float
 ) -> Jets:
-    """Return the integral of |u|^2 over a pupil and its derivatives, shape (1, 1 + m)."""
+    """Return the integral of |u|^2 over a pupil and its derivatives, shape (1, 1 + m).
+
+    ``pupil``: aberrated pupil; None if there is neither an aberration nor a derivative.
+    """
     energy = checked_energy(source)
     if pupil is None or not numbers.arrays:
         return np.full((1, 1), energy, np.complex128)
@@ -318,10 +321,10 @@ def checked_waves(defocus: float) -> float:
     return checked_number(defocus, "defocus", "a finite defocus in waves")
 
 
-def checked_pupil_radius(source: PhaseSpaceSource, given: Any) -> float:
+def checked_pupil_radius(source: PhaseSpaceSource, pupil_radius: Any) -> float:
     """Return the radius of a pupil, by default the largest distance of a vertex from the origin."""
-    if given is not None:
-        return checked_length(given, "pupil_radius")
+    if pupil_radius is not None:
+        return checked_length(pupil_radius, "pupil_radius")
     points: list[Floats] = []
     for element in flat_source(source).elements_in_plane:
         is_slits = isinstance(element, Slits)
@@ -451,7 +454,7 @@ def wavefront_error(source: Aperture | Array, aberration: Aberration | None = No
     """Compute the rms deviation of the path length over a pupil from its mean value, in metres.
 
     The averages over the pupil are weighted with |u|^2, where u is the field in the pupil. Pistons
-    and tilts of :func:`segmented_pupil` are included.
+    and tilts of :func:`segmented_pupil` are included; phases of other illuminations are not.
 
     Parameters
     ----------

@@ -76,7 +76,10 @@ class PupilNumbers:
 
     @classmethod
     def of(cls, source: Any, aberration: Any) -> tuple[Any, PupilNumbers]:
-        """Return a source with plain numbers instead of Dr.Jit arrays, and the Dr.Jit arrays."""
+        """Return a source with plain numbers instead of Dr.Jit arrays, and the Dr.Jit arrays.
+
+        The Dr.Jit arrays include the coefficients of ``aberration``, which is not changed.
+        """
         coefficients = aberration.traced if isinstance(aberration, Aberration) else None
         if isinstance(source, Differentiable):
             return source.source, cls(source.vertices, source.weights, coefficients)
@@ -84,7 +87,10 @@ class PupilNumbers:
 
     @cached_property
     def arrays(self) -> list[Any]:
-        """Dr.Jit floats in the order of the columns of a jet, without constants."""
+        """Dr.Jit floats in the order of the columns of a jet, without constants.
+
+        The order is x and y of the vertices, real and imaginary part of the weights, coefficients.
+        """
         pairs = [pair for pair in (self.vertices, self.weights) if pair is not None]
         arrays = [pair[k] for pair in pairs for k in (0, 1)]
         return arrays if self.coefficients is None else [*arrays, self.coefficients]
@@ -103,9 +109,9 @@ class PupilNumbers:
         return np.concatenate(columns, axis=1)
 
     def result(self, jets: Jets, shape: tuple[int, ...], is_complex: bool) -> Any:
-        """Return the values of jets as a NumPy array, or as Dr.Jit arrays with derivatives.
+        """Return the values of jets as a NumPy array of a shape, or as flat Dr.Jit arrays.
 
-        The result contains derivatives if the pupil contains Dr.Jit arrays.
+        The result is a Dr.Jit array, with derivatives, if the pupil contains Dr.Jit arrays.
         """
         if not self.arrays:
             values = jets[:, 0].reshape(shape)
@@ -215,7 +221,7 @@ def autocorrelation_jets(
     """Return the autocorrelation integral of a pupil at lags, with its derivatives, as jets.
 
     The integral is int u(x + xi/2) u*(x - xi/2) dx, where u is the field and xi the lag. Lags that
-    are not finite give NaN.
+    are not finite give NaN. ``tolerance`` is relative to the integral of |u|^2.
     """
     finite = np.isfinite(lags).all(axis=1, keepdims=True)
     lags = np.where(finite, lags, 0.0)
@@ -236,7 +242,7 @@ def _jets_of_block(
         """Return the integrals at all lags, for a number of additional nodes."""
         return by_lag(regions, slice_integrals(pupil, regions, extra, tolerance))[0]
 
-    values = converged(evaluate, tolerance * pupil.energy, "the OTF").values
+    values = converged(evaluate, tolerance * pupil.energy_bound, "the OTF").values
     return numbers.joined(values, _AutocorrelationDerivatives(pupil, regions, tolerance))
 
 
@@ -260,7 +266,7 @@ class _AutocorrelationDerivatives:
         return total
 
     def _along_edges(self, edges: list[Edges], one: int, other: int, shift: Floats) -> Complex:
-        """Return the derivatives with respect to the vertices of element ``one`` of one copy.
+        """Return the derivatives (vertices, 2) for the vertices of element ``one`` of one copy.
 
         They are integrals of N (1 - t, t) u_one(p) u_other*(p + shift) along the edges, over points
         p for which p + shift lies in element ``other``. N is the normal of an edge, and t is the
@@ -279,7 +285,10 @@ class _AutocorrelationDerivatives:
         return moving.at_vertices(parts[0], np.einsum("km,kme->ke", values, weights))
 
     def weights(self) -> tuple[Complex, Complex]:
-        """Return the derivatives with respect to weights and to their complex conjugates."""
+        """Return the derivatives with respect to weights and to their complex conjugates.
+
+        Both arrays have the shape (lags, elements).
+        """
         regions, weights = self.regions, self.pupil.weights
         (integrals,) = slice_integrals(self.pupil, regions, _EXTRA, self.error)
         both = np.zeros((2, len(regions.lags), len(weights)), np.complex128)
@@ -289,7 +298,7 @@ class _AutocorrelationDerivatives:
         return both[0], both[1]
 
     def coefficients(self) -> Complex:
-        """Return the derivatives with respect to the aberration coefficients."""
+        """Return the derivatives with respect to the aberration coefficients, shape (lags, k)."""
         pupil, regions, path = self.pupil, self.regions, self.pupil.aberration
         assert path is not None
 
@@ -304,9 +313,10 @@ class _AutocorrelationDerivatives:
 def _parts_inside(
     edges: Edges, others: Edges, shift: Floats, polygon: Any, near: float
 ) -> tuple[Parts, Floats]:
-    """Return the parts of shifted edges inside a polygon (factor 1) or on its boundary (1/2).
+    """Return the parts of shifted edges in a polygon, and a factor (k,) for each part.
 
-    ``others`` are the edges of the polygon.
+    The factor is 1 inside the polygon and 1/2 on its boundary. ``others`` are the edges of the
+    polygon. ``near``: distance in m within which edges coincide.
     """
     begin, vector = edges.begin + shift, edges.vector
     edge, cut = _edge_cuts(begin, vector, others, near)

@@ -130,9 +130,10 @@ def _y_on_line(left: Floats, right: Floats, x: Floats) -> Floats:
 
 
 def sections(field: PlaneField, x: Floats) -> Sections:
-    """Return the intervals of y inside the outlines at each x, relative to the centre.
+    """Return the intervals of y inside the outlines at each x.
 
-    At a vertical edge, the intervals are those to the right of the edge.
+    Both coordinates are relative to the centre. At a vertical edge, the intervals are those to the
+    right of the edge.
     """
     edges = _edges_from_left(field)
     row, edge = np.nonzero((edges.left[:, 0] <= x[:, None]) & (x[:, None] < edges.right[:, 0]))
@@ -206,7 +207,7 @@ def column_integrals(field: PlaneField, x: Floats) -> NDArray[Any]:
     return values.real if field.is_uniform and not np.iscomplexobj(field.weights) else values
 
 
-def phase(centre: float, nu: Floats) -> Complex:
+def phase_factor(centre: float, nu: Floats) -> Complex:
     """Return exp(-2 pi i nu centre) for frequencies (n,), from error-free products."""
     cosine, sine = cos_sin_cycles(_OPS, cycles_to_centre(_OPS, (centre,), nu))
     return np.asarray(cosine - 1j * sine)
@@ -259,7 +260,10 @@ def _image_polygons(field: PlaneField, scale: tuple[float, float], shifts: Float
 
 
 def _overlap_spectra(regions: Overlaps, nu: Floats, nu_y: float = 0.0) -> Complex:
-    """Return the Fourier transforms of the regions at the frequencies (nu, nu_y), (F2)."""
+    """Return the sums of the regions' Fourier transforms over each row, shape (rows, n), (F2).
+
+    The n frequencies are (nu, nu_y), and the regions are multiplied by their weights.
+    """
     begin, end = regions.begin, regions.end
     factor = regions.weight * (begin[:, 0] * end[:, 1] - begin[:, 1] * end[:, 0])
 
@@ -277,8 +281,8 @@ def mutual_spectra(
 ) -> Complex:
     """Return the Fourier transforms of overlaps at (nu, 0), summed over all pairs of waves.
 
-    The result has one row for each overlap. ``points`` contains the coordinates of each overlap
-    that multiply the rates of ``pairing``.
+    The result has one row for each row of ``regions``. ``points`` contains the coordinates of each
+    row that multiply the rates of ``pairing``.
     """
     if field.is_uniform:
         return _overlap_spectra(regions, nu)

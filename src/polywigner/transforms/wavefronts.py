@@ -71,7 +71,7 @@ def principal_axes(curvature: Floats) -> tuple[Floats, Floats]:
 
 
 def chirp_transform(source: Any, q: Floats, axes: Floats, centre: Floats, nu: Floats) -> Complex:
-    """Return the Fourier transform of a source with a quadratic phase.
+    """Return the Fourier transform (n,) of a source with a quadratic phase, at nu (n, d).
 
     The transform is int u(x) exp(i pi (x - c).Q (x - c) - 2 pi i nu.x) dx, where u is the field of
     the source and c is ``centre``. The matrix Q has the principal curvatures ``q`` along the
@@ -110,9 +110,10 @@ def _chirp_of_outline(
 def _centred_chirp(
     element: Aperture | Slits, origin: Floats, axes: Floats, axis: int, q: Floats, nu: Floats
 ) -> Complex:
-    """Return the chirp transform of an outline whose coordinates are relative to ``origin``.
+    """Return the chirp transform of an outline whose coordinates are relative to ``origin`` (d,).
 
-    ``axis`` is the index of the principal axis with the largest curvature.
+    ``q`` and ``nu`` (n, d) are components along the principal axes. ``axis`` is the index of the
+    principal axis with the largest curvature.
     """
     if isinstance(element, Slits):
         return chirp_over_intervals(element.intervals - origin, q[:, 0], nu[:, 0])
@@ -134,7 +135,7 @@ def coherent_source(source: Wavefront, tilt: Any = None) -> Any:
 
 
 def degree_of_coherence(source: Wavefront, xi: ArrayLike) -> Floats:
-    """Return the degree of coherence exp(-xi^2/(2 width^2)) at lags xi, (PC1)."""
+    """Return the degree of coherence exp(-xi^2/(2 width^2)) at lags xi (..., d), (PC1)."""
     with np.errstate(over="ignore"):
         scaled = np.asarray(xi, dtype=np.float64) / source.coherence_width
         return np.exp(-0.5 * np.square(scaled).sum(axis=-1))
@@ -143,9 +144,9 @@ def degree_of_coherence(source: Wavefront, xi: ArrayLike) -> Floats:
 def tilts_of(source: Wavefront, error: float, longest: float = math.inf) -> tuple[Floats, Floats]:
     """Return the tilts (n, d) in 1/m and their weights for averages with the specified error.
 
-    The error is relative to the value for a source whose points are all in phase. ``longest`` is
-    the largest lag in m along each axis that contributes. Raises ArgumentError if the average needs
-    too many tilts.
+    The error is relative to the value for a source whose points are all in phase. The weights have
+    the sum 1. ``longest`` is the largest lag in m along each axis that contributes. Raises
+    ArgumentError if the average needs too many tilts.
     """
     sides = sides_of(source.bounds)
     lags_in_widths = np.minimum(sides, longest) / source.coherence_width
@@ -161,7 +162,7 @@ def tilts_of(source: Wavefront, error: float, longest: float = math.inf) -> tupl
     return nodes / (2 * math.pi * source.coherence_width), weights
 
 
-def within_widths(
+def wigner_at_any_width(
     closed_form: Callable[..., Any],
     of_coherent: Callable[..., Any],
     wave: Wavefront,

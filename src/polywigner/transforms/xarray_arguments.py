@@ -116,7 +116,7 @@ def takes_xarray(
     return decorate
 
 
-def _called(
+def _call_by_name(
     module: str, name: str, names: Sequence[str], others: Arguments, *values: Any
 ) -> NDArray[Any] | tuple[NDArray[Any], ...]:
     """Call a public function by its name, so that Dask can send the call to other processes."""
@@ -126,10 +126,10 @@ def _called(
     return result
 
 
-def _called_lazily(*arguments: Any) -> NDArray[Any] | tuple[NDArray[Any], ...]:
+def _call_in_dask_thread(*arguments: Any) -> NDArray[Any] | tuple[NDArray[Any], ...]:
     """Call a public function from a Dask thread. Only one thread may use Dr.Jit's thread pool."""
     with kernel_threads():
-        return _called(*arguments)
+        return _call_by_name(*arguments)
 
 
 def _labelled(
@@ -162,7 +162,7 @@ def _labelled(
             f"dimensions, got different coordinates ({reason}); rename a dimension, or use "
             "xarray.align"
         ) from None
-    call, lazily = partial(_called, *fixed), dict[str, Any]()
+    call, lazily = partial(_call_by_name, *fixed), dict[str, Any]()
     if any(value.chunks is not None for value in labelled):
         lazily = {
             "dask": "parallelized",
@@ -172,7 +172,7 @@ def _labelled(
             },
         }
         if others.get("engine") != "numpy":
-            call = partial(_called_lazily, *fixed)
+            call = partial(_call_in_dask_thread, *fixed)
     values = xarray.apply_ufunc(
         call,
         *prepared,
@@ -201,7 +201,7 @@ def _component_dimension(name: str) -> str:
 def _with_dimension(name: str, value: Any, kind: type) -> xarray.DataArray | NDArray[Any]:
     """Return a DataArray whose last dimension is renamed, or one point as a NumPy array.
 
-    Raises ArgumentError for other values.
+    ``kind``: the class DataArray. Raises ArgumentError for other values.
     """
     if not isinstance(value, kind):
         try:
@@ -229,7 +229,7 @@ def _with_dimension(name: str, value: Any, kind: type) -> xarray.DataArray | NDA
 
 
 def _dtypes_of(call: Callable[..., Any], values: Sequence[Any]) -> list[np.dtype[Any]]:
-    """Return the data types of the results of a function, which is called without points."""
+    """Return the data types of the results of a function, which is called with empty arrays."""
     empty = [
         np.empty((0, v.shape[-1]), v.dtype) if hasattr(v, "dims") else np.asarray(v) for v in values
     ]

@@ -105,7 +105,8 @@ def _spatial(points: Iterable[Any]) -> Points:
 def _elliptic_arc(centre: Points, u: Points, v: Points, start: float, end: float) -> Arc:
     """Return the counter-clockwise arc of an ellipse between two angles in radians.
 
-    ``u`` and ``v``: semi-axes (3,), as in :class:`Arc`. Equal angles result in the full ellipse.
+    ``u`` and ``v``: semi-axes (3,), and the angles are values of t, as in :class:`Arc`. Equal
+    angles result in the full ellipse.
     """
     sweep = (end - start) % math.tau
     is_full = abs(math.remainder(sweep, math.tau)) <= _SAME * math.tau
@@ -115,7 +116,8 @@ def _elliptic_arc(centre: Points, u: Points, v: Points, start: float, end: float
 def _path_of(kind: str, item: Any) -> Path:
     """Convert a line, arc, circle, ellipse or spline of ezdxf to a path of one curve.
 
-    ``kind``: type of the entity or edge in capital letters.
+    ``kind``: type of the entity or edge in capital letters. The path is in the coordinates of the
+    entity, not of the world.
     """
     data = getattr(item, "dxf", item)
     if kind == "LINE":
@@ -295,8 +297,8 @@ class _Space:
 def _drawing_of(shapes: list[_Shape], metres: float, file: File) -> Drawing:
     """Return the polygons of plane shapes: nested outlines, and the union of all hatches.
 
-    ``metres``: length of the drawing unit. Raises FileFormatError if the shapes do not lie in one
-    plane, or enclose no area.
+    ``metres``: length of the drawing unit. Raises FileFormatError if the shapes do not all have
+    the same z, or enclose no area.
     """
     paths = [path for shape in shapes for boundary in shape.boundaries for path in boundary]
     if not paths:
@@ -330,7 +332,10 @@ def _drawing_of(shapes: list[_Shape], metres: float, file: File) -> Drawing:
 
 
 def _union_of_hatches(hatches: Sequence[_Shape], painted: Sequence[list[Ring]]) -> list[list[Ring]]:
-    """Return the polygons of the union of all hatches; ``painted``: the rings of each hatch."""
+    """Return the polygons of the union of all hatches.
+
+    ``painted``: the rings of each hatch. Rings nested too deep for the hatch style are ignored.
+    """
     polygons = []
     for hatch, rings in zip(hatches, painted, strict=True):
         deepest = _DEEPEST.get(hatch.style or 0, 0)
@@ -365,7 +370,7 @@ def _closed_rings(paths: Sequence[Path], gap: float, tolerance: float | None) ->
 
 
 def _path_chords(path: Path, distance: float) -> Points:
-    """Return the vertices (n, d) of chords within ``distance`` of a path."""
+    """Return the distinct vertices (n, d) of chords within ``distance`` of a path."""
     pieces = [chords(curve, distance) for curve in path]
     return np.concatenate([*(piece[:-1] for piece in pieces[:-1]), pieces[-1]])
 

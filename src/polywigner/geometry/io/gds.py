@@ -92,7 +92,10 @@ def _layer_names(layer: int, data_type: int) -> tuple[str, str]:
 
 
 def _shapes(cell: Any) -> Iterator[tuple[str, str, Ring]]:
-    """Yield the two layer names and the outline (n, 2) of each polygon and path of a cell."""
+    """Yield two layer names and the outline (n, 2) of each polygon and path, in the file's unit.
+
+    The polygons and paths in references of the cell are included.
+    """
     for polygon in cell.get_polygons(include_paths=False):
         yield *_layer_names(polygon.layer, polygon.datatype), polygon.points
     # get_polygons loses the absolute widths of paths in references.

@@ -78,7 +78,10 @@ def _refusal(expected: str, got: str, advice: str = "export the layer again") ->
 
 
 def _statements(text: str) -> Iterator[tuple[str, int]]:
-    """Yield each statement and its line number; extended statements begin with a percent sign."""
+    """Yield each statement, without its asterisk, and its line number.
+
+    Extended statements begin with a percent sign.
+    """
     position, line = 0, 1
     while match := _PIECE.match(text, position):
         extended, word = match.groups()
@@ -134,7 +137,7 @@ def _checked_statements(text: str) -> tuple[str, str]:
 
 
 def _objects_of(text: str) -> list[Any]:
-    """Return the graphical objects that gerbonara reads; its warnings raise an exception."""
+    """Return gerbonara's graphical objects in the file's unit; its warnings raise an exception."""
     library: Any = import_module("gerbonara.rs274x")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -172,8 +175,8 @@ def _circle(centre: Any, radius: float, start: float = 0.0, sweep: float = 2 * m
 def _arc_between(start: Any, end: Any, clockwise: bool, about: Any) -> Arc:
     """Return the circular arc between two points about a centre.
 
-    The centre is moved to equal distances from both points. If the points are equal, the arc is a
-    full circle. Raises FileFormatError if the distances differ too much.
+    All points are absolute. The centre is moved to equal distances from both points. If the points
+    are equal, the arc is a full circle. Raises FileFormatError if the distances differ too much.
     """
     first_end, last_end, centre = np.array([start, end, about], dtype=float)
     first, last = np.hypot(*(first_end - centre)), np.hypot(*(last_end - centre))
@@ -192,7 +195,7 @@ def _arc_between(start: Any, end: Any, clockwise: bool, about: Any) -> Arc:
 
 
 def _corners(rectangle: Any) -> Points:
-    """Return the corners (4, 2) of a rotated rectangle of gerbonara."""
+    """Return the counter-clockwise corners (4, 2) of a rotated rectangle of gerbonara."""
     corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * (rectangle.w / 2, rectangle.h / 2)
     return turned_points(corners, rectangle.rotation) + np.array([rectangle.x, rectangle.y])
 
@@ -227,7 +230,7 @@ class _Converter:
             yield bool(item.polarity_dark), shape
 
     def _polygon(self, outline: Sequence[Curve]) -> BaseGeometry:
-        """Return the polygons inside a closed outline of curves."""
+        """Return the polygons inside a closed outline of curves, by the nonzero rule."""
         rings = flattened([outline], self._tolerance)
         return shapely.MultiPolygon([(outer, holes) for outer, *holes in filled(rings, "nonzero")])
 
@@ -282,7 +285,8 @@ class _Converter:
     def _stroke(self, stroke: Any, kind: str) -> list[BaseGeometry]:
         """Return polygons that together cover a line or an arc drawn with an aperture.
 
-        ``kind``: "Line" or "Arc". Raises FileFormatError for unsupported apertures.
+        ``kind``: "Line" or "Arc". Raises FileFormatError unless the aperture is round, or
+        rectangular for a line.
         """
         pen = stroke.aperture
         is_round = hasattr(pen, "diameter")

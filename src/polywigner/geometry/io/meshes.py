@@ -49,8 +49,8 @@ _DOUBLE, _SINGLE = float(np.finfo(np.float64).eps), float(np.finfo(np.float32).e
 def read_mesh(content: bytes, suffix: str) -> tuple[Points, NDArray[np.intp]]:
     """Return vertices (n, 3) in the file's unit and triangles (m, 3) of an STL, PLY or OBJ file.
 
-    Raises FileFormatError if the file is damaged or contains no faces. Faces that are not planar
-    cause a warning.
+    ``suffix``: ".stl", ".ply" or ".obj", in lower case. Raises FileFormatError if the file is
+    damaged or contains no faces. Faces that are not planar cause a warning.
     """
     readers: dict[str, Callable[[bytes], Mesh]] = {".stl": _stl, ".ply": _ply, ".obj": _obj}
     kind = suffix.removeprefix(".").upper()
@@ -255,9 +255,10 @@ def _element_row(properties: list[Property], read: ReadNumbers) -> dict[str, Any
 
 
 def _text_reader(body: bytes) -> tuple[ReadNumbers, Callable[[], bool]]:
-    """Return a reader of numbers in text, and a test for the end of the text.
+    """Return a reader of numbers in text, and a test that is true at the end of the text.
 
-    The test consumes a number, so it comes after the last call of the reader.
+    The reader returns a number for each letter of a `struct` format, such as "fff". The test
+    consumes a number, so it comes after the last call of the reader.
     """
     words = iter(body.split())
 
@@ -269,9 +270,10 @@ def _text_reader(body: bytes) -> tuple[ReadNumbers, Callable[[], bool]]:
 
 
 def _binary_reader(body: bytes, order: str) -> tuple[ReadNumbers, Callable[[], bool]]:
-    """Return a reader of binary numbers, and a test for the end of the data.
+    """Return a reader of binary numbers, and a test that is true at the end of the data.
 
-    ``order``: "<" for little-endian and ">" for big-endian numbers.
+    The reader returns a number for each letter of a `struct` format, such as "fff". ``order``: "<"
+    for little-endian and ">" for big-endian numbers.
     """
     position = 0
 

@@ -83,7 +83,8 @@ class Arc:
     def chords(self, distance: float) -> Points:
         """Return vertices (n, d) on the arc; a full ellipse becomes a polygon of the same area.
 
-        The chords are within ``distance`` of the arc.
+        The chords are within ``distance`` of the arc. The first vertex of an ellipse is repeated at
+        the end.
 
         The polygon has n = 4 k corners and is scaled by a, with a^2 = x/sin(x) and x = 2 pi/n. Its
         corners lie outside the ellipse by less than 1.04 (pi/n)^2/3 of the semi-major axis, for n
@@ -191,7 +192,7 @@ def chords(curve: Curve, distance: float) -> Points:
 def allowed_distance(outline: Sequence[Curve], tolerance: float | None) -> float:
     """Return the largest distance allowed between an outline and its chords.
 
-    The distance is `tolerance`, or 1/2000 of the size of the outline if it is None. Raises
+    The distance is `tolerance`, or if it is None, 1/2000 of the diagonal of the outline. Raises
     FileFormatError for coordinates beyond 1e100.
     """
     points = np.concatenate([
@@ -207,7 +208,7 @@ def allowed_distance(outline: Sequence[Curve], tolerance: float | None) -> float
 def flattened(outlines: Sequence[Sequence[Curve]], tolerance: float | None) -> list[Ring]:
     """Return each outline as a ring (n, d) without a repeated first vertex.
 
-    Chords are within `tolerance` of the curves; by default within 1/2000 of the size of the
+    Chords are within `tolerance` of the curves; by default within 1/2000 of the diagonal of the
     outline. Full ellipses keep their area. Raises FileFormatError for coordinates beyond 1e100 and
     for more than a million chords.
     """
@@ -315,7 +316,7 @@ def nested(rings: Sequence[Ring], union: bool = False) -> list[Polygon]:
 
 
 def _join_overlapping(rings: Sequence[Ring]) -> list[Ring]:
-    """Return the rings of the unions of outlines that overlap or touch."""
+    """Return the rings, holes included, of the unions of outlines that overlap or touch."""
     polygons = np.array([shapely.Polygon(ring) for ring in rings], dtype=object)
     tree = shapely.STRtree(polygons)
     pairs = [tree.query(polygons, predicate=relation) for relation in ("overlaps", "touches")]

@@ -87,7 +87,7 @@ def table_rows(text: str) -> list[tuple[int, list[str]]]:
 
 
 def _columns_of(line: str) -> list[str]:
-    """Split a line at semicolons (commas are then decimal signs), else at commas or at blanks."""
+    """Split a line at semicolons (decimal commas become points), else at commas or at blanks."""
     if ";" in line:
         fields = line.replace(",", ".").split(";")
     elif "," in line:
@@ -428,7 +428,10 @@ def _read_mesh_file(
     unit: str | float,
     build: Callable[[NDArray[np.float64], NDArray[np.intp]], T],
 ) -> T:
-    """Read a mesh file, and return ``build(vertices, triangles)`` with vertices in metres."""
+    """Read a mesh file, and return ``build(vertices, triangles)`` with vertices in metres.
+
+    The path is added to the messages of errors.
+    """
     metres, source = _metres(unit), checked_path(path)
     with at_key(str(source)), np.errstate(all="ignore"):
         kind = checked_suffix(source, MESH_SUFFIXES, "read outlines with polywigner.read_aperture")

@@ -90,7 +90,8 @@ def _refusal(what: str, text: str) -> FileFormatError:
 def _length(text: str, name: str, reference: float | None = None) -> tuple[float, Fraction | None]:
     """Return a length in user units, and in metres if its unit is absolute, else None.
 
-    ``name``: name of the attribute, for error messages. ``reference``: length of 100 %.
+    ``name``: name of the attribute, for error messages. ``reference``: length of 100 %; with None,
+    percentages raise FileFormatError.
     """
     match = _LENGTH.fullmatch(text)
     if match is None or match[2] not in ("", "px", "%", *_SIZES):
@@ -107,7 +108,7 @@ def _length(text: str, name: str, reference: float | None = None) -> tuple[float
 
 
 def _affine_of(text: str) -> Points:
-    """Return the matrix of a transform attribute, which maps (x, y, 1) to (x, y, 1) @ matrix."""
+    """Return the matrix (3, 3) of a transform attribute: (x, y, 1) maps to (x, y, 1) @ matrix."""
     try:
         matrix = import_module("svgelements").Matrix(_TRANSFORM.fullmatch(text)[0])  # type: ignore[index]
         rows = np.array([float(getattr(matrix, letter)) for letter in "abcdef"]).reshape(3, 2)
@@ -166,9 +167,10 @@ def _named_points(segment: Any, names: Sequence[str]) -> Points:
 def _outlines_of(
     tag: str, attributes: Mapping[str, str], viewport: Mapping[str, float]
 ) -> list[list[Curve]]:
-    """Return the closed outlines of a shape element.
+    """Return the closed outlines of a shape element, before its transform.
 
-    ``tag``: name of the element. ``viewport``: lengths of 100 % of x, y, width and height.
+    ``tag``: name of the element. ``viewport``: lengths of 100 %, by the keys "x", "y", "width" and
+    "height".
     """
 
     def value(name: str) -> float:
@@ -180,7 +182,7 @@ def _outlines_of(
         points = attributes.get("points", "")
         data = attributes.get("d", "") if tag == "path" else points and f"M{points}"
         if not _PATH.fullmatch(data):
-            raise _refusal("path data or points that follow SVG 2; path data starts with M", data)
+            raise _refusal("path data that starts with M, or points, as specified by SVG 2", data)
         return _subpaths(library.Path(data))
     width, height, rx, ry = (value(name) for name in ("width", "height", "rx", "ry"))
     if tag == "circle":
@@ -228,7 +230,7 @@ def _tag(element: Element) -> str:
 
 
 def _layer_names(element: Any) -> list[str]:
-    """Return the names by which a caller can select an element: label, data-name and id."""
+    """Return the label, data-name and id of an element, if any, with which users select it."""
     return [element.get(key) for key in _NAMES if element.get(key)]
 
 
@@ -242,7 +244,8 @@ def _properties(element: Element) -> dict[str, str]:
 def _colour(style: Mapping[str, str]) -> tuple[str, float]:
     """Return the hexadecimal colour of a fill and its opacity from 0 to 1.
 
-    Without a fill, the result is an empty text and 0. Gradients and patterns are black.
+    Without a fill, the result is an empty text and 0. Gradients and patterns are black. The
+    opacities of the element and of "fill-opacity" are not included.
     """
     text = style.get("fill", "black").strip().lower()
     if text == "currentcolor":
@@ -346,7 +349,10 @@ class _Document:
         )
 
     def _target_of_use(self, context: _Context) -> tuple[_Context, list[Any]]:
-        """Return the context of a use element with its shift, and a list of its target."""
+        """Return the context of a use element with its shift, and a list of its target.
+
+        Raises FileFormatError if the target is missing.
+        """
         properties = context.properties
         link = properties.get("href", properties.get(_LINK, "")).strip()
         target = self.named.get(link[1:]) if link.startswith("#") else None
@@ -417,7 +423,7 @@ def _visible(painted: Sequence[list[Polygon]], is_white: Sequence[bool]) -> list
 
 
 def _unit_and_axes(root: Any, unit_metres: float) -> tuple[float, Points]:
-    """Return the unit of the file in metres, and the matrix (3, 3) that reverses y.
+    """Return the unit of the file in metres, and the matrix (3, 3) that only reverses y.
 
     An absolute width or height is the size of the viewBox; without a viewBox, the unit is a CSS
     pixel. If neither is absolute, the unit is ``unit_metres``.

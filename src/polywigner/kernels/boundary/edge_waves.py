@@ -82,10 +82,11 @@ class _Travelling:
     ) -> tuple[Values, Any, Any]:
         """Return the data that all quadrature nodes of a panel share, and two bounds.
 
-        ``moment`` contains the components of p x (P - Q) along e, -n and z at the start of the
-        panel, and is empty for waves along z. The data are the waves e and e', whether the wave
-        grazes the point, and the moment. The two bounds are lower bounds on the sine of the angle
-        to the mirrored ray, and on the distance from the mirrored ray. One of the bounds is None.
+        ``free`` is the unobstructed wave e at the point P. ``moment`` contains the components of p
+        x (P - Q) along the panel, to its right and along z, for the direction p of the wave and the
+        start Q of the panel. It is empty for waves along z. The data are the waves e and e',
+        whether the wave grazes the point, and the moment. The bounds are a lower bound on the sine
+        of the angle to the mirrored ray, and None.
         """
         z, pz = view.z, view.pz
         tilt = ops.minimum(pz + z / ops.maximum(view.radius_first, view.radius_last), 1.0)
@@ -97,7 +98,10 @@ class _Travelling:
         return data, ops.select(is_grazing, _NONE, tilt), None
 
     def closed_form(self, ops: Any, view: PanelView) -> Pair:
-        """Return the integral of b'/(N' R) along the panel, (B4)."""
+        """Return the integral of b'/(N' R) along the panel, (B4), whose imaginary part is 0.
+
+        N' is the path difference of the mirrored wave, and b' is ``pz`` b - ``across`` z.
+        """
         beta = view.pz * view.b - view.z * view.across
         first, last = (view.first, view.radius_first), (view.last, view.radius_last)
         level = view.b * view.across + view.pz * view.z
@@ -109,9 +113,11 @@ class _Travelling:
         along: Any, b: Any, z: Any, across: Any, pz: Any,
         free_r: Any, free_i: Any, mirrored_r: Any, mirrored_i: Any, grazing: Any, *moment: Any,
     ) -> Pair:  # fmt: skip
-        """Return the integrand of the field of an edge, (B3), times R, at the length t of a panel.
+        """Return the integrand of (B3) times R at the length t from the start of a panel.
 
-        ``mirror_factor`` is 1/2 - m.
+        ``edge`` is the wave E there, ``radius`` the distance R from the point, and
+        ``mirror_factor`` 1/2 - m. Fields of :class:`PanelView` and the data of :meth:`shared_data`
+        follow.
         """
         tiny = 1e-300 if ops.double else 1e-37
         lean, path = path_difference(ops, t, s, radius, along, b, z, across, pz, *moment)
@@ -135,7 +141,12 @@ class _Evanescent:
     def shared_data(
         self, ops: Any, view: PanelView, free: Pair, moment: Values
     ) -> tuple[Values, Any, Any]:
-        """Return the data and bounds of :meth:`_Travelling.shared_data` for evanescent waves."""
+        """Return the data and bounds of :meth:`_Travelling.shared_data` for evanescent waves.
+
+        ``free`` omits the decay exp(-2 pi q z). The data are e, e', whether the wave grazes the
+        point, the decay, 1 - decay, and its inverse. The bounds are None and the least distance
+        from the mirrored ray.
+        """
         height = view.pz * view.z
         exponent = 2.0 * math.pi * height
         decay, small = ops.exp(-exponent), exponent < 1.0
@@ -152,7 +163,7 @@ class _Evanescent:
         return data, None, ops.select(is_grazing, _NONE * (1.0 + height), height)
 
     def closed_form(self, ops: Any, view: PanelView) -> Pair:
-        """Return the complex integral of b'/(N' R) along the panel, (B4)."""
+        """Return the complex integral of :meth:`_Travelling.closed_form` for evanescent waves."""
         # The sign is applied to s, so that the factor 1 + |along| of the logarithm is never 0.
         sign = ops.select(view.along < 0.0, -1.0, 1.0)
         begin = _total(ops, view, view.first, view.radius_first)
@@ -172,10 +183,9 @@ class _Evanescent:
         free_r: Any, free_i: Any, mirrored_r: Any, mirrored_i: Any, grazing: Any,
         decay: Any, decayed: Any, growth: Any,
     ) -> Pair:  # fmt: skip
-        """Return the integrand of the field of an edge, (B3), times R, at the length t of a panel.
+        """Return the result of :meth:`_Travelling.integrand` for evanescent waves.
 
-        ``mirror_factor`` is 1/2 - m. For evanescent waves, N' is the conjugate of N, and b' is
-        minus the conjugate of a.
+        N' is the conjugate of N, and b' is minus the conjugate of a.
         """
         path = radius + (s * along + b * across)
         height = q * z
@@ -200,10 +210,11 @@ def path_difference(
     ops: Any, t: Any, s: Any, radius: Any, along: Any, b: Any, z: Any, across: Any, pz: Any,
     *moment: Any,
 ) -> tuple[Any, Any]:  # fmt: skip
-    """Return the constant a and the path difference N = R - p.(P - Q) of (B2).
+    """Return the constant a of (B2), and the path difference N = R - p.(P - Q) in wavelengths.
 
-    The result is accurate even if P - Q is parallel to p. ``moment`` is the argument of
-    :meth:`_Travelling.shared_data`.
+    R is the distance from the position Q on the panel to the point P. The result is accurate even
+    if P - Q is parallel to the direction p of the wave. ``moment`` is the argument of
+    :meth:`_Travelling.shared_data`; a is its first component, or b for waves along z.
     """
     if not moment:
         return b, (s * s + b * b) / (radius + z)
@@ -219,7 +230,8 @@ def wave_difference(
 ) -> Pair:
     """Return the wave E at an edge minus the wave e at a point, without cancellation.
 
-    The wave at the point is e = E exp(-2 pi i path) factor, and ``lost`` is 1 - factor.
+    The wave at the point is e = E exp(-2 pi i path) factor, with ``path`` in cycles. ``factor`` is
+    1 by default, and ``lost`` is 1 - factor.
     """
     close = abs(path) < _CLOSE
     c, d = cos_sin_cycles(ops, 0.5 * ops.select(close, path, 0.0))
@@ -235,8 +247,8 @@ def swept_angle(
 ) -> Number:
     """Return the integral of factor/(M R) along a part of an edge, (B4).
 
-    M = R + p_e s + level is either N or N', and ``factor`` is a for N and b' for N'. ``first`` and
-    ``last`` contain the position s and the distance R at the ends of the part.
+    M = R + p_e s + level, with p_e = ``view.along``, is either N or N', and ``factor`` is a for N
+    and b' for N'. ``first`` and ``last`` contain the position s and the distance R at the ends.
     """
     begin, end = (_total(ops, view, *at) for at in (first, last))
     rise = factor * length * (begin + end) / (first[1] + last[1])
@@ -244,7 +256,7 @@ def swept_angle(
 
 
 def _total(ops: Any, view: PanelView, s: Any, radius: Any) -> Number:
-    """Return (1 + |along|) (R +- s) without cancellation, with the sign of ``along``."""
+    """Return (1 + |p_e|) (R + s), or (1 + |p_e|) (R - s) if p_e = ``view.along`` is negative."""
     t = ops.select(view.along < 0.0, -s, s)
     foot2 = view.b * view.b + view.z * view.z
     total = ops.select(t < 0.0, foot2 / (radius + abs(t)), radius + abs(t))
@@ -286,7 +298,7 @@ class EdgeRule:
 
     @classmethod
     def of(cls, cycles: float, nodes: int, tails: int) -> EdgeRule:
-        """Return the rule with ``nodes`` nodes along the edge and ``tails`` complex nodes."""
+        """Return a rule of ``nodes`` nodes within ``cycles`` along an edge and ``tails`` beyond."""
         along = np.stack(np.polynomial.legendre.leggauss(nodes), axis=-1)
         beyond = np.stack(np.polynomial.laguerre.laggauss(tails), axis=-1) / (2.0 * math.pi)
         return cls(cycles, *(tuple((t, w) for t, w in rule.tolist()) for rule in (along, beyond)))
@@ -341,10 +353,11 @@ class _EdgePaths:
         self.low, self.high = root_at(0.0 * length), root_at(length)
 
     def plate_turn(self, ops: Any, in_front: Any) -> Number:
-        """Return 2 h h' cos(angle/2) for a plate that ends at the edge, positive in front of it.
+        """Return 2 h h' cos(angle/2) for a plate that ends at the edge; negative if hidden by it.
 
         The angle is that between the directions from the edge to the source and to the point, and h
-        and h' are the distances of source and point from the line of the edge.
+        and h' are the distances of source and point from the line of the edge. ``in_front``: see
+        :func:`edge_wave`.
         """
         near = 2.0 * self.distance_product * ops.sqrt(ops.maximum(1.0 - 0.5 * self.closing, 0.0))
         steep = abs(self.turn) / ops.sqrt(0.5 * ops.maximum(self.closing, 1.0))
@@ -352,14 +365,15 @@ class _EdgePaths:
         return ops.select(self._is_hidden(in_front), -size, size)
 
     def _is_hidden(self, in_front: Any) -> Any:
-        """Return whether the point lies in the half-space that contains the shadow of the edge."""
+        """Return whether the point lies on the shadow side of the edge, and ``in_front`` is 0."""
         return (self.turn < 0.0) & (in_front < 0.5)
 
     def angle(self, ops: Any, limit: float, in_front: Any = 0.0) -> Number:
         """Return the angle that an edge subtends about the axis from the source to the point.
 
-        The angle is in radians, and negative if the point lies in the half-space that contains the
-        shadow of the edge. Only the part of the edge with |v| < ``limit`` is included.
+        The angle is in radians, and negative on the shadow side of the edge unless ``in_front`` is
+        1. Only the part of the edge with |v| < ``limit`` is included, where v^2 is the detour over
+        the edge minus the shortest detour.
         """
         low, high = (_clamped(ops, v, limit) for v in (self.low, self.high))
         # Near the shadow boundary, the square root of the detour would lose digits by cancellation.
@@ -523,9 +537,9 @@ def path_over(
 ) -> tuple[Any, Any, Any, Any]:
     """Return the shortest path from a source over a straight edge to a point.
 
-    The path is returned as its detour, the cosine of its deflection at the edge, the position of
-    the bend as a fraction of the edge, and its excess over the shortest path over the line of the
-    edge.
+    The path is returned as its detour, the cosine of its deflection at the edge (1: straight), the
+    position of the bend as a fraction of the edge from 0 to 1, and its excess over the shortest
+    path over the line of the edge.
     """
     along = difference(end, start)
     length = ops.sqrt(dot(along, along))
@@ -558,7 +572,7 @@ def inverse_sinh(ops: Any, sinh: Any, cosh: Any) -> Number:
 
 
 def root(ops: Any, z: Pair) -> Pair:
-    """Return the square root of a complex number that has a positive real part."""
+    """Return the principal square root; it loses digits if the real part of z is negative."""
     real = ops.sqrt(0.5 * (ops.sqrt(z.real * z.real + z.imag * z.imag) + z.real))
     return Pair(real, 0.5 * z.imag / real)
 

@@ -115,9 +115,9 @@ class BoundaryTables:
 def enter(ops: Any, frame: BoundaryFrame, x: Any, y: Any, z: Any, digits: Any) -> Values:
     """Return the coordinates of a point and its distance, each as the sum of two floats.
 
-    The arguments x, y and z are in metres, and the results in wavelengths, relative to the centre
-    of the source. The next result is the phase of the distance in cycles. ``digits``, minus the
-    natural logarithm of the allowed error, is returned unchanged.
+    The arguments x, y and z are in metres. The first eight results are x, y, z and the distance in
+    wavelengths, relative to the centre of the source. The phase of the distance in cycles, modulo
+    1, and ``digits``, minus the natural logarithm of the allowed error, follow.
     """
     point = point_in_wavelengths(ops, frame.centre, frame.wavelength, x, y, z)
     distance = (paraxial_distance if frame.paraxial else distance_of)(ops, point)
@@ -127,19 +127,19 @@ def enter(ops: Any, frame: BoundaryFrame, x: Any, y: Any, z: Any, digits: Any) -
 
 
 def leave(ops: Any, frame: BoundaryFrame, inner: Values, sums: Values) -> Values:
-    """Return the field with the phase of the distance from the centre, and its error estimate."""
+    """Return the field times exp(2 pi i distance) from the centre, and its absolute error."""
     real, imag, error = sums
     cosine, sine = cos_sin_cycles(ops, inner[8])
     return real * cosine - imag * sine, real * sine + imag * cosine, error
 
 
 def leave_phase(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
-    """Return the field without the phase of the distance, and its error estimate."""
+    """Return the field without the phase of the distance, and its absolute error."""
     return sums
 
 
 def edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
-    """Return the real and imaginary part of the field at a point, and the error estimate.
+    """Return the real and imaginary part of the field at a point, and the absolute error.
 
     The field does not include the phase of the distance from the centre of the source to the point.
     """
@@ -162,7 +162,10 @@ def edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
 def _panel(
     ops: Any, tables: BoundaryTables, row: Values, inner: Values, wave: EdgeWave, oblique: bool
 ) -> Values:
-    """Return the field of a panel and its error estimate, times the amplitude of the wave."""
+    """Return the field of a panel and its error estimate, times the amplitude of the wave.
+
+    ``oblique``: whether any wave has another direction than z.
+    """
     view, free, moment, phase = seen_from(ops, row, inner, wave, oblique)
     shared, sine, depth = wave.shared_data(ops, view, free, moment)
     mirror_factor = 0.5 - tables.m
@@ -207,10 +210,11 @@ def seen_from(
 
 
 def _moment(ops: Any, cosines: Any, offset: Any, ex: Any, ey: Any) -> Values:
-    """Return the components of p x (P - Q) along e, -n and z at the start Q of a panel.
+    """Return the components of p x (P - Q) along a panel, to its right and along z.
 
-    P - Q may be long and almost parallel to the direction p of the wave, so the products are
-    computed without cancellation.
+    ``cosines`` is the direction p of the wave, and ``offset`` the point P minus the start Q of the
+    panel. The products are computed without cancellation, because P - Q may be long and almost
+    parallel to p.
     """
     px, py, pz = zip(cosines[::2], cosines[1::2], strict=True)
     x, y, z = offset
@@ -222,9 +226,9 @@ def _moment(ops: Any, cosines: Any, offset: Any, ex: Any, ey: Any) -> Values:
 def panel_view(
     ops: Any, first: Any, length: Any, b: Any, z: Any, cosines: tuple[Any, Any, Any]
 ) -> PanelView:
-    """Return a panel that begins at (first, b) in coordinates relative to a point.
+    """Return a panel that starts at (first, b) relative to a point, along and left of the panel.
 
-    ``cosines`` are the direction cosines of the wave.
+    ``cosines`` are the direction cosines of the wave along these axes and z.
     """
     last, foot2 = first + length, b * b + z * z
     ends = (ops.sqrt(first * first + foot2), ops.sqrt(last * last + foot2))
@@ -243,8 +247,8 @@ def sums_over_panel(
     Parameters
     ----------
     bounds : tuple
-        Two lower bounds on the distance to singularities, and minus the natural logarithm of the
-        allowed error.
+        Both bounds from ``shared_data`` of the wave, and minus the natural logarithm of the allowed
+        error.
     node : callable
         Function (t, s, radius, step / radius, weights, *data) that returns the values at a node.
     values : int
@@ -324,15 +328,16 @@ def rounded_cycles(ops: Any, row: Values, inner: Values) -> Number:
 def _rounded_cycles(ops: Any, size: Any, distance: Any, slope: Any) -> Number:
     """Return the phase, in cycles, whose rounding error contributes to the error of a panel.
 
-    The rounding error of the distance is the same for all panels. Far outside the shadow pattern
-    this error cancels, except for the fraction ``slope``.
+    ``size``: largest distance of the panel from the centre of the source. The rounding error of the
+    distance is the same for all panels. Far outside the shadow pattern this error cancels, except
+    for the fraction ``slope``.
     """
     ulp = 2.0**-52 if ops.double else 2.0**-23
     return size + ulp * (slope * distance + ops.minimum(distance, 4.0 * size * size))
 
 
 def weighted(row: Values, real: Any, imag: Any, error: Any) -> Values:
-    """Return a panel integral and its error estimate, times the amplitude of the wave."""
+    """Return a panel integral and its error estimate, times the complex amplitude in ``row``."""
     r, i = row[-2:]
     return real * r - imag * i, real * i + imag * r, error * (abs(r) + abs(i))
 
@@ -340,15 +345,15 @@ def weighted(row: Values, real: Any, imag: Any, error: Any) -> Values:
 def _square_along(x: Any, y: Any, begin_x: Any, begin_y: Any, ex: Any, ey: Any) -> tuple[Any, Any]:
     """Return the coefficients of radius^2 - distance^2 = constant + t (slope + t) along a panel.
 
-    ``radius`` is the distance from the point to the position t on the panel, and ``distance`` the
-    distance from the point to the centre of the source.
+    ``radius`` is the distance from the point (x, y) at any height to the position t on the panel,
+    and ``distance`` its distance from the centre of the source.
     """
     constant = begin_x * (begin_x - 2.0 * x) + begin_y * (begin_y - 2.0 * y)
     return constant, 2.0 * (ex * (begin_x - x) + ey * (begin_y - y))
 
 
 def _offset_of(inner: Values, x: Any, y: Any) -> tuple[phases.Doubled, ...]:
-    """Return the point minus a position (x, y) on the aperture, each coordinate as two floats."""
+    """Return the point minus a position (x, y, 0), three coordinates of two floats each."""
     offset = []
     for high, low, origin in ((inner[0], inner[1], x), (inner[2], inner[3], y)):
         rounded, lost = phases.difference(high, origin)
@@ -357,7 +362,11 @@ def _offset_of(inner: Values, x: Any, y: Any) -> tuple[phases.Doubled, ...]:
 
 
 def _free_wave(ops: Any, cosines: Any, offset: Any, inner: Values, start: Any) -> Values:
-    """Return the unobstructed wave at the point, relative to the phase of the distance."""
+    """Return the unobstructed wave at the point, divided by exp(2 pi i distance).
+
+    For evanescent waves, ``cosines`` and the result omit p_z and the decay. ``start``: phase of the
+    wave at the start of the panel in cycles.
+    """
     floats = (*cosines, -1.0, 0.0)
     direction = tuple(zip(floats[::2], floats[1::2], strict=True))
     offsets = (*offset[: len(direction) - 1], (inner[6], inner[7]))
@@ -369,9 +378,9 @@ def wave_on_panel(
     ops: Any, t: Any, radius: Any,
     constant: Any, slope: Any, distance: Any, along: Any, start: Any,
 ) -> Pair:  # fmt: skip
-    """Return the wave at the distance t from the start of the panel.
+    """Return the wave from the length t of a panel at the point, divided by exp(2 pi i distance).
 
-    The phase is relative to the phase of the distance from the point to the centre of the source.
+    Its phase in cycles is radius - distance + along t + start.
     """
     cycles = (constant + t * (slope + t)) / (radius + distance) + along * t + start
     return unit_wave(ops, cycles)
@@ -437,8 +446,8 @@ def _strip(
 ) -> Values:  # fmt: skip
     """Return the integrals of u G, u (1/R - 2 pi i) G/R, and t u (1/R - 2 pi i) G/R along a panel.
 
-    The three complex integrals are six real numbers. They do not include the phase of the distance
-    from the origin to the point.
+    u is the wave at the length t, R the distance from the point, and G = exp(2 pi i R)/R. The six
+    real numbers do not include exp(2 pi i |(x, y, z)|).
     """
     dx, dy = begin_x - x, begin_y - y
     first, b = ex * dx + ey * dy, ex * dy - ey * dx

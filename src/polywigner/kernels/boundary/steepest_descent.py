@@ -54,7 +54,7 @@ _FEW = 2.0
 
 @cache
 def _tail_rules() -> Rules:
-    """Return Gauss-Laguerre rules for integrals of exp(-2 pi y) times a smooth function."""
+    """Return nodes y and weights (n, 2) for integrals of exp(-2 pi y) times a smooth function."""
     rules = (np.polynomial.laguerre.laggauss(n) for n in _SIZES)
     return tuple(np.stack(rule, axis=1) / (2.0 * math.pi) for rule in rules)
 
@@ -128,7 +128,7 @@ class _Line:
 
     @classmethod
     def parabolic(cls, view: PanelView) -> _Line:
-        """Return the line of an edge for paraxial waves, with z in place of R and c."""
+        """Return the line of an edge for paraxial waves, with z in place of R and ``least``."""
         ahead = view.b * view.b / (2.0 * view.z)
         return cls(view, 1.0, view.z, ahead, view.b, 0.0, 0.0, 0.0, 0.0)
 
@@ -141,7 +141,7 @@ class _Line:
         return _End(t, s, radius, slope, phase, slope * slope / (self.least + phase))
 
     def inner_part(self, ops: Any, begin: _End, end: _End, digits: Any) -> tuple[_End, _End]:
-        """Return the ends of the inner part of an edge. The inner part may be the complete edge."""
+        """Return the ends of the inner part of an edge, which may be the complete edge or empty."""
         view = self.view
         rim = ops.exp((digits + _BOUNDS[-1]) / (2.0 * _SIZES[-1])) / (2.0 * math.pi)
         foot = -view.along * (self.least + rim) - self.upright * view.first
@@ -157,7 +157,7 @@ class _Line:
         return self.end(ops, low), self.end(ops, high)
 
     def angles(self, ops: Any, begin: _End, low: _End, high: _End, end: _End) -> tuple[Any, Any]:
-        """Return the integral of a/(N R) over the outer parts, and of b'/(N' R) over the edge."""
+        """Return the integral of a/(N R) over outer parts, and of b'/(N' R) over the edge, (B2)."""
         view = self.view
         level, height = view.b * view.across, view.pz * view.z
 
@@ -246,9 +246,9 @@ class _Line:
         return needed, (digits, growth + extra, last + extra)
 
     def tail(self, ops: Any, at: _End, sign: Any, digits: Any, wave: Pair) -> tuple[Pair, Any]:
-        """Return ``sign`` times the integral from an end of an edge to infinity, and a bound.
+        """Return ``sign`` times the integral from the position ``at`` to infinity, and a bound.
 
-        ``wave`` is the wave at the end. The error is at most exp(-digits) times the bound.
+        ``wave`` is the wave at this position. The error is at most exp(-digits) times the bound.
         """
         path = at.beyond + self.ahead
         slope2, mirror_factor, curved = at.slope * at.slope, self.mirror_factor, self.curved
@@ -323,7 +323,7 @@ def _edge(ops: Any, tables: BoundaryTables, row: Values, inner: Values, oblique:
 def _signed_ends(
     ops: Any, begin: _End, low: _End, high: _End, end: _End
 ) -> tuple[tuple[_End, Any], ...]:
-    """Return the ends of the outer parts of an edge, with the signs of their tails."""
+    """Return three positions on an edge with the signs of their tails; 0 stands for no tail."""
     is_left, is_right = low.t > 0.0, high.t < end.t
     low_on_edge, high_on_edge = is_left & (low.t < end.t), is_right & (high.t > 0.0)
     limit = _End(

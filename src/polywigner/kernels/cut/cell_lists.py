@@ -90,7 +90,7 @@ class _Cells:
         return -0.5 * self.size * np.array([self.nx, self.ny])
 
     def centre(self, cell: Array) -> tuple[Array, Array]:
-        """Return the x and y coordinates of the centres of cells with the indices ``cell``."""
+        """Return x and y of the centres of cells, whose indices ``cell`` increase along x first."""
         x, y = self.corner
         return x + self.size * (cell % self.nx + 0.5), y + self.size * (cell // self.nx + 0.5)
 
@@ -120,7 +120,7 @@ def cells_across(first: Outline, second: Outline, samples: int) -> int:
 def pair_grid(
     first: Outline, second: Outline, across: int, *, is_clipped: bool = False
 ) -> PairGrid:
-    """Return the edges and edge pairs of all cells for two outlines.
+    """Return the edges and edge pairs of all cells, ``across`` along the longer side.
 
     If ``is_clipped`` is true, the result is a :class:`ClipGrid`, and the second outline must be
     convex. The second outline is mirrored: the offset T maps a point p to T - p. Pass the same
@@ -172,10 +172,10 @@ def _largest_offset(first: Outline, second: Outline) -> Array:
 
 
 def _leads(outline: Outline, far: float) -> Array:
-    """Return horizontal lines from the left and from the right to the first vertex of each ring.
+    """Return horizontal lines from x = -far and x = far to the first vertex of each ring.
 
-    The left line starts outside the other copy for offsets with x >= 0, and the right line for
-    offsets with x < 0.
+    The rows are those of ``Outline.edges``. The left line starts outside the other copy for offsets
+    with x >= 0, and the right line for offsets with x < 0.
     """
     points = outline.vertices[outline.starts[:-1]]
     ends = np.repeat(points, 2, axis=0)
@@ -276,7 +276,11 @@ def _clipped_rows(
 def _other_rows(
     pairs: tuple[Array, Array, Array], starts: Array, changes: Array, level: Array, null: int
 ) -> tuple[Array, Array, Array]:
-    """Return (cell, row, level) of crossing edges and of edges whose level changes in a cell."""
+    """Return (cell, row, level) of crossing edges and of edges whose level changes in a cell.
+
+    ``changes`` (cells, edges): whether the level at the start of an edge can change. ``starts``:
+    first edge of each ring. ``null``: index of the placeholder edge.
+    """
     at, i, j = pairs
     count = changes.shape[1]
     # If the level at a ring's first vertex changes within a cell, the crossings with the line to
@@ -307,7 +311,10 @@ def _other_rows(
 
 
 def _numbered(level: Array, unit: float) -> tuple[Array, Array]:
-    """Return the index of each winding number in a table of distinct ones, and the table."""
+    """Return the index of each winding number in a table of distinct ones, and the table (k, 4).
+
+    ``unit`` is the largest weight.
+    """
     unit = float(unit) or 1.0
     scaled = np.rint(np.append(0.0, level) * (_LEVELS / unit))
     _, first, number = np.unique(scaled, return_index=True, return_inverse=True)
@@ -317,14 +324,14 @@ def _numbered(level: Array, unit: float) -> tuple[Array, Array]:
 
 
 def _table(edge: Array, other: Array | int, kind: Array | int) -> Array:
-    """Return rows of a `PairGrid` with the level index 0."""
+    """Return rows (edge, other, kind, 0) of a `PairGrid`, with the level index 0."""
     rows = np.zeros((len(edge), 4), np.uint32)
     rows[:, 0], rows[:, 1], rows[:, 2] = edge, other, kind
     return rows
 
 
 def _vectors(edges: Array, number: Array) -> tuple[Array, ...]:
-    """Return the start points and vectors of the edges with the indices ``number``."""
+    """Return x, y, vector x and vector y of the edges with the indices ``number``."""
     ax, ay, bx, by = (column.take(number) for column in edges.T[:4])
     return ax, ay, bx - ax, by - ay
 
@@ -332,7 +339,10 @@ def _vectors(edges: Array, number: Array) -> tuple[Array, ...]:
 def _meeting(
     cells: _Cells, edges: Array, others: Array, count: int
 ) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield the indices of a cell, an edge and another edge that can cross in this cell."""
+    """Yield the indices of cells, edges and other edges that can cross there, in three arrays.
+
+    Edges from index ``count`` on are lines to rings.
+    """
     step = max(1, _BLOCK // len(others))
     c, d = others[:, :2], others[:, 2:4]
     for start in range(0, len(edges), step):
@@ -360,7 +370,11 @@ def _meeting(
 
 
 def _near(cells: _Cells, a: Array, b: Array, c: Array, d: Array, pair: Array, cell: Array) -> Array:
-    """Return whether two edges can cross for an offset in a cell."""
+    """Return whether two edges can cross for an offset in a cell.
+
+    The edges run from ``a`` (n, 1, 2) to ``b`` and from ``c`` (m, 2) to ``d``. ``pair`` is an index
+    into all n m pairs.
+    """
     e, f, centre = b - a, d - c, 0.5 * (a + b + c + d).reshape(-1, 2)
     half = 0.5 * cells.size + _MARGIN
     x, y = np.subtract(cells.centre(cell), centre.take(pair, axis=0).T)
@@ -375,7 +389,7 @@ def _near(cells: _Cells, a: Array, b: Array, c: Array, d: Array, pair: Array, ce
 
 
 def _touches(cells: _Cells, edge: Any, other: Any, x: Array, y: Array) -> Array:
-    """Return whether one edge can start on the other edge for an offset in a cell."""
+    """Return whether ``edge`` can start on ``other`` for an offset in the cell around (x, y)."""
     (ax, ay, _, _), (cx, cy, fx, fy) = edge, other
     half = 0.5 * cells.size
     px, py = x - (ax + cx + 0.5 * fx), y - (ay + cy + 0.5 * fy)

@@ -142,7 +142,10 @@ def _sides(polygon: Floats) -> list[list[float]]:
 
 
 def _line_of(side: Sequence[float], lines: dict[Line, int]) -> tuple[int, int]:
-    """Return the index of the line through a side, and 1 or -1 for the side's direction."""
+    """Return the index of the line through a side, and 1 or -1 for the side's direction.
+
+    A new line is added to ``lines``.
+    """
     ax, ay, ex, ey = side
     if ey > 0 or (ey == 0 and ex > 0):
         return lines.setdefault(Line(ex, ey, ax, ay), len(lines)), 1
@@ -273,8 +276,8 @@ class Clipper:
             # to an ulp.
             slope = float(accurate_cross(line.dx, line.dy, edge.ex, edge.ey))
             if slope == 0.0:
-                distance = self._exact_distance(edge, line, view)
-                gates.append((distance >= 0.0 if view is BEHIND else distance > 0.0, side))
+                level = self._exact_level(edge, line, view)
+                gates.append((level >= 0.0 if view is BEHIND else level > 0.0, side))
                 continue
             if number not in cuts:
                 cuts[number] = (self._cut(edge, line, view, slope), slope * view.point > 0)
@@ -297,13 +300,13 @@ class Clipper:
         scale = -view.point / slope
         size = (line.dx**2 + line.dy**2) * (edge.ex**2 + edge.ey**2)
         if slope**2 < _NEARLY_PARALLEL**2 * size:
-            return self._exact_distance(edge, line, view) * scale
+            return self._exact_level(edge, line, view) * scale
         x, y = view.point * edge.ax - line.px, view.point * edge.ay - line.py
         start = float(accurate_cross(line.dx, line.dy, x, y))
         return self.ops.fma(self.level(line), view.offset * scale, start * scale)
 
-    def _exact_distance(self, edge: Edge, line: Line, view: View) -> Number:
-        """Return cross(line direction, start of edge - line), accurate to an ulp."""
+    def _exact_level(self, edge: Edge, line: Line, view: View) -> Number:
+        """Return cross(line direction, mapped start of edge - line), accurate to an ulp."""
         s, sign = view.offset, view.point
         dx = s * self.tx + (sign * edge.ax - line.px)
         dy = s * self.ty + (sign * edge.ay - line.py)

@@ -198,7 +198,7 @@ class HostGrid:
 
 
 def _as_complex(edges: Array) -> Array:
-    """Return edges of a `PairGrid` in the layout of `HostGrid`."""
+    """Return edges of a `PairGrid` as complex numbers (n, 4), in the layout of `HostGrid`."""
     vectors = edges[:, 2] + 1j * edges[:, 3]
     falls = (edges[:, 3] < 0.0) | ((edges[:, 3] == 0.0) & (edges[:, 2] < 0.0))
     limits = np.where(falls, -NO_LEVEL, 0.0) + 1j * abs(vectors)
@@ -211,7 +211,10 @@ _SLANTED = 1 / 16
 
 
 def cells_at(grid: HostGrid, x: Array, y: Array) -> Array:
-    """Return the indices in ``grid.cells`` of the cells that contain the offsets (x, y)."""
+    """Return the indices in ``grid.cells`` of the cells that contain the offsets (x, y).
+
+    Offsets outside the grid, and NaN, belong to empty cells.
+    """
     rows, across = grid.shape
     column = np.floor((x - grid.low.real) * grid.per_unit)
     row = np.floor((y - grid.low.imag) * grid.per_unit)
@@ -220,7 +223,7 @@ def cells_at(grid: HostGrid, x: Array, y: Array) -> Array:
 
 
 def rows_at(grid: HostGrid, t: Array) -> tuple[Array, Array]:
-    """Return the rows of the cells that contain the offsets ``t``, and each row's offset index."""
+    """Return the rows (k, 4) of the cells at offsets ``t`` (n,), and their offset indices (k,)."""
     spans = grid.cells.take(cells_at(grid, t.real, t.imag), axis=0)
     begin, counts = spans[:, 0], spans[:, 2] - spans[:, 0]
     owner = np.arange(len(t)).repeat(counts)
@@ -244,9 +247,14 @@ def cut_edges(
 
     Returns
     -------
-    tuple of ndarray, each of shape (k,)
-        Index of the offset (ascending), row of the edge in ``grid.first``, length as a fraction of
-        the edge, and weight of the edge times the conjugate of the level.
+    owner : ndarray, shape (k,)
+        Index of the offset (ascending).
+    edge : ndarray, shape (k, 4)
+        Rows of ``grid.first``.
+    fraction : ndarray, shape (k,)
+        Positive length as a fraction of the edge.
+    weight : ndarray, shape (k,)
+        Weight of the edge times the conjugate of the level or of its change at the crossing.
     """
     number, other, kind, level_of = row.T
     edge, other_edge = grid.first.take(number, axis=0), grid.second.take(other, axis=0)
@@ -289,7 +297,7 @@ def cut_edges(
 
 
 def _mutual(grid: HostGrid, edge: Array, level: Array) -> Array:
-    """Return the weights of edges times conjugate levels."""
+    """Return the weights of rows ``edge`` (k, 4) of a `HostGrid` times conjugate levels (k,)."""
     if grid.is_uniform:
         return level
     weights = edge[:, 3] if level.dtype.kind == "c" else edge[:, 3].real
@@ -297,7 +305,10 @@ def _mutual(grid: HostGrid, edge: Array, level: Array) -> Array:
 
 
 def _make_exact(levels: Array, columns: Array, e: Array, f: Array, p: Array) -> None:
-    """Replace columns of the cross products ``levels`` by values accurate to an ulp."""
+    """Replace columns of the cross products ``levels`` by values accurate to an ulp.
+
+    The rows are e x p, e x (p - f), f x p and f x (p - e) for complex vectors.
+    """
     e, f, p = e[columns], f[columns], p[columns]
     pairs = (e, p), (e, p - f), (f, p), (f, p - e)
     for row, (a, b) in zip(levels, pairs, strict=True):
@@ -313,8 +324,9 @@ def crossing(
     the other outline to T - p. ``side`` is 1 or -1, the sign of the displacement that decides ties.
 
     Returns (crosses, enters, start, end). ``enters`` is true if the edge crosses to the left side
-    of the other edge. The crossing lies at the fraction ``start / (start - end)`` of the edge. The
-    signs of all cross products are exact.
+    of the other edge. ``start`` and ``end`` are positive if the start and the end of the edge lie
+    to its left; these cross products have exact signs. The crossing lies at the fraction ``start /
+    (start - end)`` of the edge.
     """
     (ax, ay, ex, ey), (cx, cy, fx, fy) = edge[:4], other[:4]
     px, py = (tx - cx) - ax, (ty - cy) - ay

@@ -38,7 +38,7 @@ _MANY = 1 << 20
 # Largest total size [bytes] of the cached edge pairs of all sources. Copies on devices are not
 # counted.
 _MOST_BYTES = 1 << 27
-# Stands for infinity. Its product with a frequency is finite.
+# Finite stand-in for infinity, whose product with a frequency is finite.
 _FAR = 1e9
 
 
@@ -203,7 +203,7 @@ class PairClipper(Clipper):
     def _clipped(
         self, grid: PairGrid, edge: Any, rows: tuple[Any, Any], tx: Any, ty: Any, side: float
     ) -> tuple[Any, Any]:
-        """Return the part of an edge to the left of all sides in a range of rows.
+        """Return the part of an edge to the left of all sides from row ``rows[0]`` to ``rows[1]``.
 
         The part runs from ``low`` to ``high``, which are fractions of the edge. It is empty if
         ``high`` is less than ``low``.

@@ -17,9 +17,10 @@ from polywigner.numerics.phases import sin_cycles, sinc_less_one
 def segment_wave(ops: Any, half: Any, midpoint: Any) -> tuple[Any, Any]:
     """Return sinc(l) sin(2 pi m) and sinc(l) cos(2 pi m) - 1, the mean of a wave along a segment.
 
-    ``half`` is l/2, where l is the phase along the segment in cycles. ``midpoint`` is the phase m
-    at the midpoint in cycles. Below a quarter of a cycle the second value uses the series of sinc -
-    1, whose first omitted term is 0.62^9/19! = 1e-19, or 0.62^6/13! = 9e-12 in float32.
+    ``half`` is l/2, where l is the phase along the segment in cycles, and sinc(l) is sin(pi l)/(pi
+    l). ``midpoint`` is the phase m at the midpoint in cycles. Below a quarter of a cycle the second
+    value uses the series of sinc - 1, whose first omitted term is 0.62^9/19! = 1e-19, or 0.62^6/13!
+    = 9e-12 in float32.
     """
     small = abs(half) < 0.125
     series = sinc_less_one(ops, ops.select(small, 2.0 * half, 0.0), 8 if ops.double else 5)
@@ -35,7 +36,7 @@ def segment_wave(ops: Any, half: Any, midpoint: Any) -> tuple[Any, Any]:
 def moved_off_zero(
     ops: Any, x: Any, y: Any, floors: tuple[float, float] = (1e-140, 1e-13)
 ) -> tuple[Any, Any]:
-    """Return a frequency, or a small one if both components are below a floor.
+    """Return a frequency, or (floor, 0) if the magnitudes of both components are below a floor.
 
     ``floors`` are the floors in float64 and float32. By default, the square of the frequency does
     not underflow. Terms are of the order of the squared frequency. The rounding errors of the sum
@@ -97,8 +98,8 @@ class EdgeTerms:
     def of_edge(self, along: Values, length: Any, sums: Values) -> Values:
         """Return the term from the sums of :meth:`added` over some or all parts of an edge.
 
-        The result must be linear in ``sums``, because some strategies call this method for each
-        part and others once per edge.
+        ``length`` is the length of the edge in units of u. The result must be linear in ``sums``,
+        because some strategies call this method for each part and others once per edge.
         """
         raise NotImplementedError
 
@@ -111,7 +112,7 @@ class EdgeTerms:
         return self.of_edge(along, 1.0, sums)
 
     def total(self, sums: Values) -> Values:
-        """Return W or A from the sum over all edges."""
+        """Return W, or the real and the imaginary part of W or A, from the sum over all edges."""
         raise NotImplementedError
 
 
@@ -136,7 +137,7 @@ class EvenTerms(EdgeTerms):
     def added(
         self, sums: Values | None, half: Any, midpoint: Any, extent: Any, weight: Values
     ) -> Values:
-        """Add the product of sin(pi nu.d), sin(2 pi nu.m) and the weight to the sum."""
+        """Add the product of sin(pi nu.d), sin(2 pi nu.m) and the real weight to the sum."""
         size = scaled(weight[0], sin_cycles(self.ops, half))
         phase = sin_cycles(self.ops, midpoint)
         return (size * phase if sums is None else self.ops.fma(size, phase, sums[0]),)
@@ -170,7 +171,7 @@ class WaveTerms(EdgeTerms):
     def added(
         self, sums: Values | None, half: Any, midpoint: Any, extent: Any, weight: Values
     ) -> Values:
-        """Add the sine and cosine of :func:`segment_wave`, times the weight, to the sums."""
+        """Add the sine and cosine of :func:`segment_wave`, times weight and extent, to the sums."""
         ops, (real, imag) = self.ops, weight
         sine, cosine = segment_wave(ops, half, midpoint)
         waves = _with(ops, sums, scaled(real, extent), sine, cosine)
@@ -220,7 +221,7 @@ def wigner_terms(ops: Any, _: Any, nu: Values, is_even: bool, is_real: bool) -> 
 
 
 def ambiguity_terms(ops: Any, _: Any, nu: Values, is_even: bool, is_real: bool) -> EdgeTerms:
-    """Return the terms of the ambiguity function at a frequency shift."""
+    """Return the terms of the ambiguity function at a frequency shift upsilon = ``nu``."""
     return WaveTerms(ops, moved_off_zero(ops, *nu), 2, 0.5 / math.pi)
 
 

@@ -87,7 +87,7 @@ class LinearFrame:
 def fan_sum(ops: Any, tables: Any, cycles: Any, *nu: Any) -> Values:
     """Return the real part and minus the imaginary part of a Fourier transform, (F2), (F3).
 
-    The result does not include the phase of the centre and ``frame.measure``. Each row contains the
+    The result does not include exp(-2 pi i cycles) and ``frame.measure``. Each row contains the
     vertices of a triangle or tetrahedron except the origin, and their determinant.
     """
 
@@ -117,7 +117,7 @@ def _dot(ops: Any, nu: Values, point: Values) -> Number:
 
 
 def enter_frequency(ops: Any, frame: Any, *nu: Any) -> Values:
-    """Return the phase of the source's centre in cycles, and the frequency in the frame."""
+    """Return the phase nu.c of the source's centre c in cycles, and the frequency in the frame."""
     return (phases.cycles_to_centre(ops, frame.centre, *nu), *frame.frequency(ops, *nu))
 
 
@@ -232,7 +232,8 @@ class Family:
 def families_of(edges: Sequence[Sequence[float]], field: npt.ArrayLike = 1.0) -> tuple[Family, ...]:
     """Group the edges of a polygon into families of parallel edges of equal length.
 
-    ``field`` is the field on the element of each edge.
+    The first four numbers of an edge are its start and its end. ``field`` is the field on the
+    element of each edge.
     """
     corners = np.array(edges)
     begin, end = corners[:, :2], corners[:, 2:4]
@@ -323,7 +324,10 @@ class _FamilyTerm:
         self.sines = np.stack([sin_x, cos_x], axis=1), np.stack([cos_y, sin_y])
 
     def rows(self, rows: slice) -> Array:
-        """Return the sums of cosines and sines at some nu_x and all nu_y, shape (rows, 2, n)."""
+        """Return sums of cosines and sines at some nu_x and all nu_y, shape (rows, 2, n).
+
+        The sums include all factors of the contribution.
+        """
         if self.is_straight:
             return self._waves(self.left[rows])
         q = self.q[0][rows, None] + self.q[1]
@@ -335,7 +339,7 @@ class _FamilyTerm:
         return waves
 
     def _waves(self, left: Array) -> Array:
-        """Return the sums of waves over all midpoints, shape (rows, 2, columns)."""
+        """Return the products of rows of ``left`` with ``right``, shape (rows, 2, columns)."""
         product = np.empty((len(left), self.right.shape[1]))
         count = _SERIAL_PRODUCT // self.right.size // _LEAST_ROWS * _LEAST_ROWS
         stacked = len(left) // count * count if count else 0
@@ -365,9 +369,10 @@ def fourier_on_grid(
 ) -> tuple[Array, Array, Array]:
     """Return the real and imaginary part of the Fourier transform on a grid, and a mask.
 
-    ``nu_x`` and ``nu_y`` are the axes of the grid in 1/m, and all results have the shape
-    (len(nu_x), len(nu_y)). The mask is true for inaccurate values, because (F4) is inaccurate below
-    `GridTables.floor`. The operations ``ops`` must be in float64.
+    The transform includes ``frame.measure`` and the phase of the centre. ``nu_x`` and ``nu_y`` are
+    the axes of the grid in 1/m, and all results have the shape (len(nu_x), len(nu_y)). The mask is
+    true for inaccurate values, because (F4) is inaccurate below `GridTables.floor`. The operations
+    ``ops`` must be in float64.
     """
     x, y = (
         (nu * scale, phases.cycles_to_centre(ops, (centre,), nu))

@@ -55,7 +55,8 @@ def wave_over_edge(
 ) -> Values:
     """Return the contribution of an edge to the integral of a Gaussian wave over a polygon, (I5).
 
-    The contribution is a tuple of the real and the imaginary part.
+    The sum over all edges is the integral of exp(-|xi|^2/2 - 2 pi i nu.xi), with xi in coherence
+    widths. The contribution is a tuple of the real and the imaginary part.
 
     Parameters
     ----------
@@ -144,7 +145,10 @@ class _Arc:
     def integral(
         self, rule: Any, is_near: Any, sizes: Any, value: Callable[..., Values], wave: Values
     ) -> Values:
-        """Return the complex integral of ``value(ops, p, r, *wave)`` at positions p + i r."""
+        """Return the complex integral of ``value(ops, p, r, *wave)`` over positions p + i r.
+
+        Steepest descents are integrated only for the samples ``is_near``.
+        """
         ops = self.ops
 
         def of_arc(t: Any, weight: Any, rise: Any, slope: Any, *samples: Any) -> Values:
@@ -177,14 +181,20 @@ def _arc_node(ops: Any, row: Values, samples: Values) -> Values:
 
 
 def _descent_node(ops: Any, t: Any, weight: Any, s: Any, rate: Any) -> Values:
-    """Return the position p + i r of a node on the steepest descent from s, and the step."""
+    """Return the position p + i r of a node on the steepest descent from s, and the step.
+
+    The step does not include the factor exp(-t).
+    """
     scale = 1.0 / ops.fma(s, s, rate * rate)
     x, y = s * scale, -rate * scale
     return ops.fma(t, x, s), t * y, weight * x, weight * y
 
 
 def _flux(ops: Any, p: Any, r: Any, *wave: Any) -> Values:
-    """Return the integrand f = (exp(-beta^2/2) - g)/Z of (I5)."""
+    """Return the integrand f = (exp(-beta^2/2) - g)/Z of (I5) at the position p + i r.
+
+    beta is 2 pi |nu|, and g = exp(-beta^2/2 - Z) is the Gaussian wave.
+    """
     rate, square, energy, decay, along, across = wave
     exponent = ops.fma(rate, r, -0.5 * ((p - r) * (p + r) + square))
     size = ops.exp(ops.maximum(exponent, _LEAST_EXPONENT[ops.double]))
@@ -201,7 +211,7 @@ def _flux(ops: Any, p: Any, r: Any, *wave: Any) -> Values:
 
 
 def _gaussian(ops: Any, p: Any, r: Any, rate: Any, nu: Any) -> Values:
-    """Return the Gaussian wave exp(-z^2/2 - 2 pi i nu z) at z = p + i r."""
+    """Return the Gaussian wave exp(-z^2/2 - 2 pi i nu z) at z = p + i r; ``rate`` is 2 pi nu."""
     exponent = ops.fma(rate, r, -0.5 * ((p - r) * (p + r)))
     size = ops.exp(ops.maximum(exponent, _LEAST_EXPONENT[ops.double]))
     cosine, sine = cos_sin_cycles(ops, ops.fma(nu, p, p * r * (1 / _TURN)))

@@ -135,8 +135,8 @@ def _overlap(
 ) -> tuple[Any, Any]:
     """Return the length of the overlap of two intervals, and its centre minus their mean centre.
 
-    The centres have the distance gap + gap_low - shift, and ``half`` and ``other`` are the
-    half-lengths. The length is 0 for separate intervals.
+    The first centre minus the second is gap + gap_low - shift, and ``half`` and ``other`` are the
+    half-lengths of the first and the second interval. The length is 0 for separate intervals.
     """
     apart, lost = phases.difference(gap, shift[0])
     distance = apart + (lost + (gap_low - shift[1]))
@@ -148,7 +148,7 @@ def _overlap(
 
 
 def _sum(ops: Any, tables: SlitPairs, shift: Doubled, nu: Doubled) -> Values:
-    """Return the complex sum over pairs of slits at a shift of both copies and a frequency nu."""
+    """Return the complex sum over pairs of slits, for W with ``shift`` 4x, or for A with xi."""
 
     def term(
         gap: Any, gap_low: Any, half: Any, other: Any, mean: Any, mean_low: Any, real: Any,
@@ -183,7 +183,7 @@ class LineField:
 
     @property
     def pairs(self) -> int:
-        """Number of pairs of plane waves."""
+        """Number of pairs of plane waves, counted once for both orders."""
         return len(self.waves) * (len(self.waves) + 1) // 2
 
     def wigner(self, ops: Any, x: Any, nu: Any, width: float = math.inf) -> Number:
@@ -221,7 +221,8 @@ def _over_pairs(
 ) -> Pair:  # fmt: skip
     """Return W or A of a field on an interval as a sum over pairs of waves, (I4) or (I6).
 
-    ``length`` is the length of the slice, and ``width`` the coherence width.
+    ``position`` and ``frequency`` are x and nu, or xi and upsilon. ``length`` is the length of the
+    slice, and ``width`` the coherence width.
     """
     total = Pair(0.0, 0.0)
     for pair in pairs:
@@ -254,7 +255,7 @@ def _segment_tables(source: Slits, double: bool) -> SlitTables:
 
 
 def _enter_fourier(ops: Any, frame: Frame, nu: Any) -> Values:
-    """Return the phase of the centre in cycles, and the frequency in the frame as two floats."""
+    """Return the phase nu.c of the centre c in cycles, and nu in the frame as two floats."""
     cycles = phases.cycles_to_centre(ops, frame.centre, nu)
     return (cycles, *phases.split(ops, (*frame.frequency(ops, nu), 0.0)))
 
@@ -286,7 +287,10 @@ def _enter_wigner(ops: Any, frame: Frame, x: Any, nu: Any) -> Values:
 
 
 def _enter_ambiguity(ops: Any, frame: Frame, upsilon: Any, xi: Any) -> Values:
-    """Return the phase of centre and carrier in cycles, and upsilon and xi as two floats each."""
+    """Return the phase of centre and carrier in cycles, and upsilon and xi as two floats each.
+
+    A has the factor exp(-2 pi i phase).
+    """
     cycles = phases.cycles_to_centre(ops, frame.centre, upsilon)
     cycles = phases.less_carrier(ops, frame, cycles, xi)
     shift = phases.split(ops, (*frame.frequency(ops, upsilon), 0.0))
@@ -299,9 +303,9 @@ def _ambiguity(ops: Any, tables: SlitPairs, cycles: Any, *inner: Any) -> Values:
     return real, -imag
 
 
-def _wigner(ops: Any, tables: SlitPairs, x: Any, x_low: Any, *nu: Any) -> Values:
+def _wigner(ops: Any, tables: SlitPairs, shift: Any, shift_low: Any, *nu: Any) -> Values:
     """Return the Wigner function of slits, for the results of :func:`_enter_wigner`."""
-    return _sum(ops, tables, (x, x_low), nu)[:1]
+    return _sum(ops, tables, (shift, shift_low), nu)[:1]
 
 
 FOURIER = Kernel("fourier of slits", 1, _segment_tables, _enter_fourier, _fourier, leave_wave)

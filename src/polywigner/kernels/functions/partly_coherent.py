@@ -27,7 +27,7 @@ from polywigner.numerics.phases import Pair
 
 @lru_cache(maxsize=256)
 def _tables_of(source: Wavefront, double: bool) -> Tables:
-    """Return the tables of the flat source, with the coherence width of the wavefront."""
+    """Return the tables of the flat source, with the matrix from lags to coherence widths."""
     tables = plane.tables_of(source.source, double)
     coherence = np.transpose(tables.frame.rows) / source.coherence_width
     return replace(tables, coherence=coherence.tolist())
@@ -42,7 +42,7 @@ class _LagTerms(EdgeTerms):
         self.ops, self.coherence, self.nu = ops, tables.coherence, nu
 
     def of_part(self, x: Any, y: Any, dx: Any, dy: Any, real: Any, imag: Any) -> Values:
-        """Return the complex integral of (I5) over a part of an edge."""
+        """Return the complex integral of (I5) over a part of an edge in the frame."""
         ops, nu = self.ops, self.nu
         (xx, xy), (yx, yy) = self.coherence
         size = determinant(self.coherence)
@@ -78,7 +78,7 @@ WIGNER = replace(
 
 @lru_cache(maxsize=256)
 def _pairs_of(source: Wavefront, double: bool) -> SlitPairs:
-    """Return the pairs of slits of the flat source, with the coherence width of the wavefront."""
+    """Return the pairs of slits of the flat source for W, with the coherence width in the frame."""
     pairs = intervals.pair_tables(source.source, double, of_lags=True)
     return replace(pairs, coherence_width=source.coherence_width / pairs.frame.measure)
 
@@ -90,7 +90,7 @@ WIGNER_OF_SLITS = replace(
 
 @lru_cache(maxsize=256)
 def _product_of(source: Wavefront, double: bool) -> SeparableTables:
-    """Return the fields along both axes of the flat source, with both coherence widths."""
+    """Return the fields along both axes of a rectangle, with coherence widths in its frame."""
     tables = separable_tables(source.source, double)
     assert tables is not None
     width_x, width_y = (source.coherence_width / math.hypot(*row) for row in tables.frame.rows)

@@ -49,7 +49,7 @@ def _outline_of(aperture: Aperture, double: bool) -> OutlineTables:
 
 @lru_cache(maxsize=256)
 def _grid_tables_of(source: Aperture | Array) -> GridTables | None:
-    """Return the edges for Fourier transforms on grids, or None if an element has a pose."""
+    """Return the edges for Fourier transforms on grids, or None for poses and slender outlines."""
     if isinstance(source, Aperture):
         outline = _outline_of(source, True)
         return grid_tables(outline, [1.0] * len(outline.edges))
@@ -67,7 +67,7 @@ def _grid_tables_of(source: Aperture | Array) -> GridTables | None:
 
 
 def placed_frame(plane: Any, pose: Any, double: bool) -> LinearFrame:
-    """Return the frame of a plane that is placed at a pose in space. The arithmetic is exact."""
+    """Return the frame ``plane`` placed at a pose (4, 4) in space. The arithmetic is exact."""
     exact = [[Fraction(value) for value in row] for row in pose.tolist()]
     in_plane = [Fraction(c) for c in plane.centre]
     centre = [row[0] * in_plane[0] + row[1] * in_plane[1] + row[3] for row in exact[:3]]
@@ -90,7 +90,10 @@ def _placed_tables(source: PlacedAperture, double: bool) -> OutlineTables:
 
 
 def _enter_shift(ops: Any, frame: Any, *arguments: Any) -> Values:
-    """Return the phase of centre and carrier in cycles, and upsilon and xi in the frame."""
+    """Return the phase of centre and carrier in cycles, and upsilon and xi in the frame.
+
+    A has the factor exp(-2 pi i phase).
+    """
     upsilon, xi = arguments[: len(arguments) // 2], arguments[len(arguments) // 2 :]
     cycles, *inner = enter_frequency(ops, frame, *upsilon)
     cycles = phases.less_carrier(ops, frame, cycles, *xi)
@@ -98,7 +101,7 @@ def _enter_shift(ops: Any, frame: Any, *arguments: Any) -> Values:
 
 
 def enter_both_ends(ops: Any, frame: Any, *arguments: Any) -> Values:
-    """Return the carrier phase in cycles, and the points x + xi/2 and x - xi/2 in the frame."""
+    """Return minus the carrier phase in cycles, and x + xi/2 and x - xi/2 in the frame."""
     count = len(arguments) // 2
     x, xi = arguments[:count], arguments[count:]
     cycles = phases.less_carrier(ops, frame, 0.0 * xi[0], *xi)
@@ -108,7 +111,7 @@ def enter_both_ends(ops: Any, frame: Any, *arguments: Any) -> Values:
 
 
 def product_of_both(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
-    """Return the autocorrelation, the product of the fields at both ends of the lag."""
+    """Return the autocorrelation u(x + xi/2) u*(x - xi/2), with its carrier phase."""
     product = Pair(*sums[:2]) * Pair(*sums[2:]).conjugate()
     if not any(frame.carrier):
         return product.real, product.imag

@@ -163,7 +163,7 @@ def _distinct(values: Floats, rounding: float) -> tuple[Floats, Indices]:
 
 
 def _enter_frequency(ops: Any, frame: Frame, *nu: Any) -> Values:
-    """Return the phase of the centre in cycles, and the frequency relative to the carrier."""
+    """Return the phase nu.c of the centre c in cycles, and nu minus the carrier in the frame."""
     return (phases.cycles_to_centre(ops, frame.centre, *nu), *frame.detuned(ops, *nu))
 
 

@@ -173,9 +173,9 @@ class SliceSum:
     def shared_sums(
         self, ops: Any, tables: Tables, position: Sequence[Array], nu: Sequence[Array]
     ) -> Values:
-        """Return the sums for all pairs of a position and a frequency, one row per position.
+        """Return the sums (n, m) for each of n positions (x, y), each (n,), and m frequencies.
 
-        The slice at each position is computed only once.
+        ``nu`` contains nu_x and nu_y, each broadcast to (n, m). Each slice is computed only once.
         """
         columns = np.broadcast_shapes(*(n.shape for n in nu))[1]
         nu = [np.broadcast_to(n, (n.shape[0], columns)) for n in nu]
@@ -266,10 +266,10 @@ class SliceSum:
     def listed(self, ops: Any, tables: Tables, *position: Array) -> tuple[Array, Array, bool]:
         """Return the parts of edges of the slices at all positions, for compiled code.
 
-        The results are the index of the first part of each position followed by the number of
-        parts, a table of the parts, and whether all weights are real. A row contains the centre and
-        the vector of a part if all weights are 1 or -1 and no frequency is shifted; a part with a
-        weight of -1 is then reversed. Otherwise, a row also contains the complex weight and the
+        The results are indices (n + 1,), a table (parts, 4 or 8), and whether all weights are real.
+        The parts of position k are the rows from index k to index k + 1. A row contains the centre
+        and the vector of a part if all weights are 1 or -1 and no frequency is shifted; a part with
+        a weight of -1 is then reversed. Otherwise, a row also contains the complex weight and the
         frequency shift.
         """
         owners, rows, count = [np.empty(0, np.intp)], [np.empty((0, _ROW))], len(position[0])
@@ -292,7 +292,7 @@ class SliceSum:
     def of_listed(
         self, ops: Any, tables: Tables, columns: int, is_real: bool, nu: Values
     ) -> PartSum:
-        """Return the sum over the rows from :meth:`listed`, at the frequencies ``nu``."""
+        """Return the sum over rows of :meth:`listed` with 4 or 8 columns, at frequencies ``nu``."""
 
         def terms(shifted: Values) -> EdgeTerms:
             """Return the terms at a frequency minus the shift of a pair of waves."""
@@ -498,7 +498,7 @@ AMBIGUITY_SUM = SliceSum(
     values=2,
     arguments=slice(2, 4),
 )
-# The terms of an area need no frequency. The lag stands for the frequency.
+# The terms of an area need no frequency, so the lag is passed as the frequency.
 AREA_SUM = replace(
     AMBIGUITY_SUM,
     position=slice(0, 2),

@@ -28,7 +28,7 @@ from polywigner.kernels.boundary.edge_waves import difference, dot
 from polywigner.mitsuba.plugins.exact_field import AWAY, ExactEstimator
 from polywigner.mitsuba.plugins.films import changed
 from polywigner.mitsuba.plugins.registration import scene_errors, set_mesh
-from polywigner.mitsuba.plugins.samplers import opaque, single
+from polywigner.mitsuba.plugins.samplers import opaque, single_number
 from polywigner.mitsuba.plugins.shadow_tables import (
     EdgeTables,
     NodeTables,
@@ -144,7 +144,7 @@ class Shadows:
                 shadows.diffracted, obstacles, points, seen, tolerance=_HOST_ERROR
             )
 
-    def either(self, point: mi.Point3f, free: Callable[[mi.Point3f], Drjit]) -> Drjit:
+    def intensity_or_free(self, point: mi.Point3f, free: Callable[[mi.Point3f], Drjit]) -> Drjit:
         """Return |U|^2 at a point in front of the source, in its frame and in scene units.
 
         Within about three wavelengths of the source, ``free(point)`` computes it without obstacles.
@@ -188,7 +188,7 @@ class Shadows:
         self._has_edges = len(tables.edges) > 0  # A body around the source has no silhouette.
 
     def _field(self, at: Point) -> Field:
-        """Return the field with obstacles at a point in wavelengths, if |u|^2 = 1 at the source.
+        """Return the complex field with obstacles at a point in wavelengths, for |u|^2 = 1.
 
         The phase due to the distance from the source's centre is omitted.
         """
@@ -391,10 +391,10 @@ class Shadows:
     def _boundary(
         self, node: Drjit, number: Drjit, edge: _Edge, at: Point
     ) -> tuple[Point, Point, Point, Any]:
-        """Return a node, both ends of an edge, and whether the face at the edge blocks its wave.
+        """Return the position of a node, both ends of an edge, and the blocked part of its wave.
 
-        ``number`` selects the ends, which can differ between nodes. The last result is None if no
-        face of the scene blocks boundary waves.
+        ``node`` is the row of the node, and ``number`` its index, which selects the ends. The last
+        result is None if no face of the scene blocks boundary waves.
         """
         m, ops, row = self._m, self._ops, edge.row
         step = m.UInt32(row[13])
@@ -450,7 +450,10 @@ class Shadows:
         return Pair(*self._if(dot(group[3:6], at) + group[6] < 0.0, behind, free))
 
     def _path(self, row: Drjit, at: Point) -> tuple[Point, Drjit]:
-        """Return the vector from a radiating point to ``at``, and its length minus |at|."""
+        """Return the vector from a node or radiating point to ``at``, and its length minus |at|.
+
+        ``row`` starts with its x and y.
+        """
         ops, (x, y, z) = self._ops, at
         a, b = row[:2]
         ahead = x - a, y - b, z
@@ -459,7 +462,7 @@ class Shadows:
         return ahead, (a * (a - 2.0 * x) + b * (b - 2.0 * y)) / sum_
 
     def _hidden(self, row: Drjit, ahead: Point) -> Drjit:
-        """Return whether obstacles block the line of sight ``ahead`` from a radiating point."""
+        """Return whether obstacles block the line of sight from a node to node + ``ahead``."""
         m = self._m
         path = m.Vector3f(*ahead)
         part = self._start / path.z
@@ -490,7 +493,7 @@ class Shadows:
 
 
 def _obliquity(ops: Any, ahead: Point) -> Pair:
-    """Return the ratio of the wave of a dipole along z to a spherical wave."""
+    """Return the ratio (1 + i/(2 pi R)) z/R of the wave of a dipole along z to a spherical wave."""
     inverse = 1.0 / ops.sqrt(dot(ahead, ahead))
     return Pair(1.0, (0.5 / math.pi) * inverse).scaled(ahead[2] * inverse)
 
@@ -538,7 +541,7 @@ def cast_shadows(scene: mi.Scene) -> None:
     meshes_at = cache(lambda wavelength: list(surfaces.meshes_in(scene, wavelength)))
     for plugin in plugins:
         spec, pose = plugin.spec, np.array(surfaces.matrix_of(plugin.to_world))
-        wavelength = single(getattr(plugin, "wavelength", spec.wavelength), "wavelength")
+        wavelength = single_number(getattr(plugin, "wavelength", spec.wavelength), "wavelength")
         pose[:3, 3] += pose[:3, :2] @ spec.centre
         meshes = meshes_at(wavelength / spec.scene_unit)
         digest = hashlib.sha256(str(wavelength).encode())

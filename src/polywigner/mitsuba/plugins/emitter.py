@@ -37,7 +37,7 @@ from polywigner.mitsuba.plugins.registration import (
     set_mesh,
     variant_class,
 )
-from polywigner.mitsuba.plugins.samplers import Frame, opaque, single, spectrum
+from polywigner.mitsuba.plugins.samplers import Frame, opaque, single_number, spectrum
 from polywigner.mitsuba.plugins.source_parameters import (
     EMITTER,
     SourceParameters,
@@ -116,9 +116,9 @@ class WignerEmitter(VariantPlugin):
     def parameters_changed(self, keys: list[str]) -> None:
         """Apply changed parameters; a new pose also moves the mesh."""
         if "wavelength" in keys or "power" in keys:
-            self._check_numbers()
+            self._set_norm()
         shape = self.get_shape() if self.spec.visible else None
-        wavelength, traced = single(self.wavelength, "wavelength"), self._traced
+        wavelength, traced = single_number(self.wavelength, "wavelength"), self._traced
         source = traced.changed() if "vertices" in keys or "weights" in keys else None
         if source is not None:
             self._set_source(self.spec.with_source(source, wavelength), wavelength)
@@ -135,10 +135,10 @@ class WignerEmitter(VariantPlugin):
         elif "parent" in keys and shape is not None:
             check_mesh_position(shape, np.array(matrix_of(self.to_world)), self.spec)
 
-    def _check_numbers(self) -> None:
-        """Raise SceneError for an invalid wavelength or power; renew the norm of the source."""
-        wavelength = single(self.wavelength, "wavelength")
-        power = single(self.power, "power")
+    def _set_norm(self) -> None:
+        """Set the norm of the source; raise SceneError for an invalid wavelength or power."""
+        wavelength = single_number(self.wavelength, "wavelength")
+        power = single_number(self.power, "power")
         if not wavelength > 0:
             raise SceneError(f"wavelength must be above zero, got {wavelength:.6g} m")
         if not power >= 0:
@@ -146,7 +146,7 @@ class WignerEmitter(VariantPlugin):
         self.spec = replace(self.spec, norm=self.spec.norm_at(wavelength))
 
     def _update(self) -> None:
-        """Renew the frame and the norm of the source after a change of parameters."""
+        """Renew the frame, and the norm that kernels use, after a change of parameters."""
         # Each new literal value would recompile the render kernel.
         if self.jit:
             dr.make_opaque(self.wavelength, self.power)
@@ -156,7 +156,7 @@ class WignerEmitter(VariantPlugin):
         self._norm = self._traced_norm() if has_gradients else opaque(self.m, self.spec.norm)
 
     def stand_at(self, extent: float) -> None:
-        """Set the largest coordinate of the source and of adjacent surfaces, in scene units.
+        """Set the largest scene coordinate of the source and of adjacent surfaces, in scene units.
 
         The distance between the ends of shadow rays and surfaces is proportional to this
         coordinate.
@@ -169,7 +169,7 @@ class WignerEmitter(VariantPlugin):
 
     def _traced_norm(self) -> Drjit:
         """Return the power of the unscaled field in W, with derivatives for Dr.Jit."""
-        wavelength = single(self.wavelength, "wavelength")
+        wavelength = single_number(self.wavelength, "wavelength")
         source = self.spec.at_origin
         blocks = directions_and_weights(largest_lag(source), wavelength)
         nodes = np.concatenate([np.column_stack(block) for block in blocks])
@@ -271,9 +271,10 @@ class WignerEmitter(VariantPlugin):
     def _density(self, cosine: Drjit, distance: Drjit) -> Drjit:
         """Return the probability density of samples per solid angle.
 
-        The density is practically infinite for sources that rays cannot hit, and for the estimator
-        ``exact``. The flag ``delta`` is not used, because it makes the image of Mitsuba's
-        ``direct`` too bright with several emitter samples.
+        ``cosine`` is the cosine of the angle at the source. The density is practically infinite for
+        sources that rays cannot hit, and for the estimator ``exact``. The flag ``delta`` is not
+        used, because it makes the image of Mitsuba's ``direct`` too bright with several emitter
+        samples.
         """
         front = cosine > 0.0
         density = self.m.Float(_INFINITE_DENSITY)

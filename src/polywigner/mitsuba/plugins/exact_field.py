@@ -189,8 +189,8 @@ class ExactEstimator:
     ) -> Drjit:
         """Return the weight of a ray in m^2, lambda^2 r^2 |U|^2/N, where U is the field at its end.
 
-        The end ``point``, in the receiver's frame, and the length r = ``distance`` are in scene
-        units; ``x`` and ``direction`` are not used.
+        N is the norm of the receiver in W. The end ``point``, in the receiver's frame, and the
+        length r = ``distance`` are in scene units; ``x`` and ``direction`` are not used.
         """
         return self._scale * (distance * distance) * self.intensity(point)
 
@@ -220,7 +220,7 @@ class ExactEstimator:
             return self._m.Float(math.nan)
         if self._shadows is not None:
             free = partial(self._fields[0][0].intensity, unit=self._unit)
-            return self._shadows.either(point, free)
+            return self._shadows.intensity_or_free(point, free)
         values = [times_stokes(self._m, s, f.intensity(point, self._unit)) for f, s in self._fields]
         return reduce(operator.add, values)
 
@@ -261,7 +261,7 @@ class ExactField:
         return value if self._jit else float(value[0])
 
     def _field(self, x: Drjit, y: Drjit, z: Drjit) -> tuple[Drjit, Drjit]:
-        """Return the real and imaginary parts of the field at a point in wavelengths."""
+        """Return the complex field at a point in wavelengths, without the phase of its distance."""
         if self._points is None:
             return self._panel_field(x, y, z)
         half_x, half_y = self._half

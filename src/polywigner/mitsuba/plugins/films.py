@@ -27,7 +27,7 @@ _DATE = len("2000-01-01 00:00:00 ")
 
 @contextmanager
 def collected_log() -> Iterator[list[str]]:
-    """Collect Mitsuba's log messages in a list within a ``with`` block.
+    """Collect Mitsuba's log messages in a list within a ``with`` block, instead of showing them.
 
     The list is filled at the end of the block.
     """
@@ -40,7 +40,7 @@ def collected_log() -> Iterator[list[str]]:
             with log_only_to(appender):
                 yield messages
         finally:
-            del appender  # Closes the file.
+            del appender  # The file is closed when the appender is deleted.
             lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
             texts = (line[_DATE:].strip() for line in lines)
             messages += [t for t in texts if t and not any(known in t for known in _EXPECTED)]
@@ -101,9 +101,10 @@ _MOST_PER_PIXEL = 1 << 12
 
 
 def fineness(camera: mi.Sensor, samples: int) -> int:
-    """Return the factor by which each side of a film is refined to limit the samples per pixel.
+    """Return the factor by which each side of a film is refined for ``samples`` per pixel.
 
-    It is 1 for cameras; only receivers have films that can be refined.
+    It limits the samples per refined pixel. It is 1 for cameras; only receivers have films that can
+    be refined.
     """
     doublings = math.ceil(math.log2(samples / _MOST_PER_PIXEL) / 2)
     return 2 ** max(doublings, 0) if hasattr(camera, "fineness") else 1
@@ -131,7 +132,7 @@ def film_sizes(camera: mi.Sensor, factor: int = 1) -> list[list[int]]:
 
 @contextmanager
 def refined(camera: mi.Sensor, factor: int) -> Iterator[None]:
-    """Multiply the width and height of a film by a factor within a ``with`` block."""
+    """Multiply the size and the crop window of a film by a factor within a ``with`` block."""
     finer_pixels = [(camera, "fineness", factor)] if factor > 1 else []
     with changed(finer_pixels), _film_of_size(camera, *film_sizes(camera, factor)):
         yield
@@ -212,7 +213,7 @@ class Tiling:
 
 
 def tiling_of(camera: mi.Sensor, samples: int) -> Tiling:
-    """Return the division of a sensor's film into strips and passes."""
+    """Return the division of a film with ``samples`` per pixel into strips and passes."""
     width, height = camera.film().crop_size()
     is_compiled = dr.is_jit_v(mi.Float)
     if camera.class_name() not in CAMERAS:

@@ -133,7 +133,7 @@ class Mixture:
         return total
 
     def _with_coherence_width(self, source: SceneSource) -> SceneSource:
-        """Return a coherent source with the coherence width of this mixture."""
+        """Return a coherent source made partially coherent, with this mixture's coherence width."""
         if self.coherence_width == math.inf:
             return source
         return source.partially_coherent(self.coherence_width)
@@ -202,7 +202,7 @@ def support_of(source: Any, obliquity: str) -> Aperture:
         return _support(flat_source(source))
 
 
-# Cached, because creating a scene entry and loading the scene both require the region.
+# The region is cached, because creating a scene entry and loading the scene both require it.
 @lru_cache(maxsize=16)
 def _support(source: Aperture | Array) -> Aperture:
     """Return the region where the Wigner function is not zero; raise SceneError without a field."""

@@ -64,14 +64,14 @@ class PlacedSource(SourceParameters):
         return replace(self, source=_mirrored(self.source), pose=pose)
 
     def image(self, chain: Iterable[Mirror]) -> PlacedSource:
-        """Return the mirror image of the source after reflections by mirrors in turn."""
+        """Return the mirror image of the source after reflections by mirrors, first to last."""
         image = self
         for mirror in chain:
             image = image.mirrored(mirror.normal, mirror.offset)
         return image
 
     def points(self, positions: Floats) -> Floats:
-        """Convert positions (n, 2) in the source's plane to points (n, 3) of the scene, in m."""
+        """Convert positions (n, 2) in the source's frame to scene points (n, 3), all in metres."""
         result: Floats = positions @ self.pose[:3, :2].T + self.pose[:3, 3]
         return result
 
@@ -104,7 +104,7 @@ class PlacedSource(SourceParameters):
 
 
 def _mirrored(source: SceneSource) -> SceneSource:
-    """Return a source with the signs of all x coordinates changed."""
+    """Return a source with the signs of all x coordinates and frequencies changed."""
 
     def image(element: SourceElement) -> SourceElement:
         """Return an element with the signs of all x coordinates changed."""
@@ -129,7 +129,7 @@ def placed_emitters(scene: mi.Scene) -> list[PlacedSource]:
     sources = []
     for number, emitter in enumerate(wigner_emitters(scene)):
         placed = _placed(scene, emitter, emitter.get_shape().id() or f"emitter {number}")
-        sources.append(replace(placed, power=_single(emitter.power, emitter.spec.power)))
+        sources.append(replace(placed, power=_unrounded(emitter.power, emitter.spec.power)))
     return sources
 
 
@@ -168,13 +168,13 @@ def check_unit(emitter: PlacedSource, receiver: PlacedSource) -> None:
 def _placed(scene: mi.Scene, plugin: Any, name: str) -> PlacedSource:
     """Return the source of an emitter or receiver plugin with its present pose and wavelength."""
     spec = plugin.spec
-    wavelength = _single(getattr(plugin, "wavelength", spec.wavelength), spec.wavelength)
+    wavelength = _unrounded(getattr(plugin, "wavelength", spec.wavelength), spec.wavelength)
     changed = {"pose": pose_of(plugin), "wavelength": wavelength}
     extent = reach_of(scene, plugin) * spec.scene_unit
     return PlacedSource(**vars(spec) | changed, name=name, extent=extent)
 
 
-def _single(value: Any, known: float) -> float:
+def _unrounded(value: Any, known: float) -> float:
     """Return a parameter in double precision: ``known``, unless a user has changed the value."""
     number = float(np.asarray(value, dtype=np.float64).ravel()[0])
     return known if np.float32(number) == np.float32(known) else number
@@ -231,7 +231,10 @@ def facing_parts(emitter: PlacedSource, receiver: PlacedSource) -> FacingParts |
 
 
 def _part_in_front(source: SceneSource, normal: Floats, least: float) -> SceneSource | None:
-    """Return the part of a source where ``normal . x > least``, or None if there is none."""
+    """Return the part of a source where ``normal . x > least``, or None if there is none.
+
+    ``normal`` (3,) and x are in the frame of the source, and ``least`` is in m.
+    """
     form = normal_form(source).in_plane
     parts = [_part_of_outline_in_front(element.outline, normal, least) for element in form.elements]
     pairs = list(zip(form.elements, parts, strict=True))
@@ -242,7 +245,7 @@ def _part_in_front(source: SceneSource, normal: Floats, least: float) -> SceneSo
 
 
 def _part_of_outline_in_front(outline: Any, normal: Floats, least: float) -> Aperture | None:
-    """Return the part of an outline where ``normal . x > least``, or None."""
+    """Return the part of an outline that :func:`_part_in_front` retains, or None."""
     heights = np.concatenate(outline.rings) @ normal[:2] - least
     if (heights > 0).all():
         return outline

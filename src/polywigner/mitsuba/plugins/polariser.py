@@ -135,8 +135,9 @@ class Polariser:
     ) -> Drjit:
         """Return the emitted Stokes vector as the first column of a Mueller matrix.
 
-        ``direction`` is in the source's frame, and ``along`` is the same direction in the scene.
-        Without a polarisation, the result is an unpolarised spectrum.
+        ``direction`` is in the source's frame, and ``along`` is the same direction in the scene, by
+        default converted by ``frame``. Without a polarisation, the result is an unpolarised
+        spectrum.
         """
         if self._is_plain:
             return spectrum(self._m, value, active)
@@ -181,8 +182,8 @@ def axis_rotation(
 ) -> tuple[Drjit, Drjit]:
     """Return the cosine and sine of twice the angle from Ludwig's to Mitsuba's first axis.
 
-    ``direction`` is a unit vector in the frame of the source, and ``along`` the propagation
-    direction in the scene.
+    The angle is positive towards Ludwig's second axis. ``direction`` is a unit vector in the frame
+    of the source, and ``along`` the propagation direction in the scene.
     """
     axes = ludwig_axes(direction.x, direction.y, dr.abs(direction.z))
     basis = m.mueller.stokes_basis(along)

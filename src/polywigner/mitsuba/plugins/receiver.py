@@ -87,7 +87,8 @@ def _spawn_offset(m: Any, point: mi.Point3f) -> Drjit:
 def direction_of(m: Any, angles: mi.Point2f) -> mi.Vector3f:
     """Convert the angles (alpha, psi) to a unit vector in the frame of the receiver.
 
-    alpha is the direction cosine along x, and psi the angle in rad about the x axis, zero along +z.
+    alpha is the direction cosine along x, and psi the angle in rad about the x axis, zero along +z
+    and positive towards +y.
     """
     rho = _root_of_positive(1.0 - angles.x * angles.x)
     sine, cosine = dr.sincos(angles.y)
@@ -97,7 +98,8 @@ def direction_of(m: Any, angles: mi.Point2f) -> mi.Vector3f:
 def angles_in_pixel(m: Any, point: mi.Point2f, size: tuple[int, int]) -> tuple[mi.Point2f, Drjit]:
     """Map a film position in pixels to angles (alpha, psi) and the solid angle of its pixel.
 
-    ``size`` is the number of columns and rows. The angles are uniformly distributed in solid angle.
+    ``size`` is the number of columns and rows. Points that are uniform within a pixel become angles
+    that are uniform in solid angle.
     """
     width, height = size
     alpha = point.x * (2.0 / width) - 1.0
@@ -226,7 +228,7 @@ class WignerReceiver(VariantPlugin):
         return ray, weight, colours
 
     def _film_angles(self, sample: mi.Point2f) -> tuple[mi.Point2f, Drjit]:
-        """Map a film sample to angles (alpha, psi) and the solid angle of its pixel."""
+        """Map a sample of the unit square to angles (alpha, psi) and its pixel's solid angle."""
         film, fine = self.film(), self.fineness
         width, height = (int(n) // fine for n in film.size())
         if width * height == 1:
@@ -362,9 +364,9 @@ def receiver(
         never negative. ``wigner``: the signed radiance that the receiver would transmit along the
         ray.
     film : (int, int) or mapping, optional
-        Size (n, m) of a map of received power over direction. The map has n x m pixels, over the
-        direction cosines from -1 to 1 along the receiver's x and y axes. The sum of all pixels is
-        the received power in W. A mapping is the dictionary entry of a film with a box filter.
+        Size (n, m) of a map of received power over direction. The map has n columns and m rows over
+        the direction cosines from -1 to 1 along the receiver's x and y axes. The sum of all pixels
+        is the received power in W. A mapping is the dictionary entry of a film with a box filter.
         Default: one pixel, which contains the received power.
     bandwidth, temperature, noise_figure : float or str, optional
         Noise parameters of the receiver in Hz, K and dB, or strings such as "1 GHz", "290 K" and "3

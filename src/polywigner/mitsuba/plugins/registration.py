@@ -128,7 +128,7 @@ def _on_variant_change(_old: str | None, new: str) -> None:
 
 
 def _build_and_keep_error(build: _Build, variant: str, props: mi.Properties) -> mi.Object:
-    """Create a plugin; keep an error of this package for `original_error`."""
+    """Create a plugin; keep an error of this package for `original_error`, and raise it."""
     try:
         with uncompiled():
             return build(variant, props)

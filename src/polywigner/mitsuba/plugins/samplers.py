@@ -46,7 +46,7 @@ def opaque(m: Any, value: float) -> Drjit:
     return dr.opaque(m.Float, value) if dr.is_jit_v(m.Float) else value
 
 
-def single(number: Any, name: str) -> float:
+def single_number(number: Any, name: str) -> float:
     """Return a value as a float; raise SceneError unless it is a single finite number."""
     values = np.asarray(dr.detach(number), dtype=np.float64).ravel()
     if values.size != 1 or not np.isfinite(values).all():
@@ -55,7 +55,7 @@ def single(number: Any, name: str) -> float:
 
 
 def cells_with_field(m: Any, source: SceneSource, unit: float) -> Positions:
-    """Return a sampler of positions on a source, with the density |u|^2, in scene units."""
+    """Return a sampler of positions on a source, in units of ``unit`` m, with the density |u|^2."""
     elements = normal_form(source).in_plane.elements
     pieces = _PIECES // len(elements)
     tables, weights = [], []
@@ -122,8 +122,8 @@ def directions_of(
     """Return a sampler of directions for a source.
 
     ``terms`` are the terms of `WignerRadiance`, and ``bounds`` is the source's bounding box in
-    metres. The density is a mixture of the far-field pattern g |F|^2, its square
-    root and a uniform density.
+    metres. The density is a mixture of the far-field pattern g |F|^2 with the obliquity factor g,
+    its square root, and a uniform density.
     """
     low, high = np.reshape(bounds, (2, 2))
     lobes = _POINTS_PER_LOBE * (high - low) / wavelength
@@ -145,8 +145,9 @@ def _mean_pattern(
 ) -> Floats:
     """Return the far-field pattern g |F|^2 on a grid of angles, averaged over each cell.
 
-    ``counts`` is the number of cells along alpha and psi. The result has a row for each of the
-    counts[1] + 1 angles psi. ``within`` is the number of samples along each side of a cell.
+    ``counts`` is the number of cells along alpha and psi. The result has counts[1] + 1 rows for psi
+    and counts[0] + 1 columns for alpha. ``within`` is the number of samples along each side of a
+    cell.
     """
     steps = np.array([2.0, math.pi]) / counts
     shifts = (np.arange(within) + 0.5) / within - 0.5

@@ -75,8 +75,8 @@ class EdgeTables(NamedTuple):
     triangles: Floats
     """Rows (t, 10) of the triangles of blocking surfaces.
 
-    Columns 0-8: normals of the planes through the group's midpoint and each side; 9: height of the
-    midpoint above the triangle.
+    Columns 0-8: normals of the planes through the group's midpoint and each side; 9: distance of
+    the triangle's plane from the midpoint along its normal.
     """
     rims: Floats
     """Ends (m, 6) of the boundary edges of blocking surfaces."""
@@ -205,7 +205,8 @@ def _edges_by_nodes(
 ) -> Iterator[tuple[_Edges, Indices]]:
     """Yield the edges common to all silhouettes, then the remaining edges of each silhouette.
 
-    A mesh edge is common if all silhouettes contain the same number of its pieces per face.
+    The second item contains the group of each edge. A mesh edge is common if all silhouettes
+    contain the same number of its pieces per face.
     """
     count = len(silhouettes)
     view, ends, planes, labels = _joined(silhouettes, groups)
@@ -268,7 +269,7 @@ def _joined(
 
 
 def _positions_along(ends: Floats, side: int) -> Floats:
-    """Return the coordinates (m,) of one end (0 or 1) along each edge (m, 2, 3)."""
+    """Return the projections (m,) of one end (0 or 1) of edges (m, 2, 3) on their directions."""
     along = ends[:, 1] - ends[:, 0]
     return np.asarray((ends[:, side] * along).sum(axis=1) / np.linalg.norm(along, axis=1))
 
@@ -338,7 +339,8 @@ def _places(nodes: SourceNodes, reach: float, edge: Floats) -> Floats:
 def _pyramids(corners: Floats) -> Floats:
     """Return side normals and heights (t, 10) of pyramids from bases (t, 3, 3) to the origin.
 
-    The normals are divided by twice the area of the triangle.
+    The three normals are divided by twice the area of the base. The height is positive if the
+    base's normal points away from the origin.
     """
     a, b, c = np.moveaxis(corners, 1, 0)
     sides = [np.cross(b, c), np.cross(c, a), np.cross(a, b)]

@@ -133,7 +133,7 @@ class SourceParameters:
         return list(stokes_fields(source, self.polarisation))
 
     def norm_at(self, wavelength: float, normalise: str | None = None) -> float:
-        """Return the norm in W at a wavelength in m, by default as defined by ``normalise``."""
+        """Return the norm in W at a wavelength in m; None selects the source's ``normalise``."""
         return math.fsum(
             norm_of(part, wavelength, self.obliquity, self.mixture, normalise or self.normalise)
             for part, stokes in self.fields_of(self.source)
@@ -141,7 +141,7 @@ class SourceParameters:
         )
 
     def with_source(self, source: SceneSource, wavelength: float) -> SourceParameters:
-        """Return a copy with another source, and with its region and norm."""
+        """Return a copy with another source, whose support and norm are computed anew."""
         spec = replace(self, source=source, support=support_of(source, self.obliquity))
         return replace(spec, norm=spec.norm_at(wavelength))
 
@@ -166,8 +166,8 @@ RECEIVER_PARAMETERS = (
 def read_parameters(values: Mapping[str, Any], plugin: str) -> SourceParameters:
     """Read and check the parameters of a ``wigner`` shape or a ``wigner_receiver`` sensor.
 
-    ``values`` are Mitsuba's properties or an entry made in Python. Raises SceneError for unknown
-    parameters and invalid values.
+    ``plugin`` is the name of the plugin, and ``values`` are Mitsuba's properties or an entry made
+    in Python. Raises SceneError for unknown parameters and invalid values.
     """
     is_emitter = plugin == EMITTER
     element = _SceneValues(values, f"{plugin} {'shape' if is_emitter else 'sensor'}")
@@ -208,7 +208,7 @@ def read_parameters(values: Mapping[str, Any], plugin: str) -> SourceParameters:
 
 
 def _power(element: _SceneValues, spec: SourceParameters) -> float:
-    """Return the radiated power in W that the parameters of an emitter specify."""
+    """Return the radiated power in W, from ``power`` or ``aperture_power``, by default the norm."""
     power, inside = element.number("power"), element.number("aperture_power")
     if power is not None and inside is not None:
         raise SceneError(
@@ -233,7 +233,7 @@ _PARSERS: dict[str, Callable[[Any], float]] = {
 
 
 def _number(name: str, value: Any, element: str) -> float:
-    """Convert a parameter to SI units; raise SceneError if it is not a quantity."""
+    """Convert the parameter ``name`` of a plugin to SI units; raise SceneError for other values."""
     if not isinstance(value, str | Real) or isinstance(value, bool):
         raise SceneError(f"expected {name} to be a number or a string, got {type(value).__name__}")
     with scene_errors(f"{name} of the {element}: "):
@@ -293,7 +293,7 @@ class _SceneValues:
         return apply_texts(self._outline(), texts, wavelength)
 
     def _outline(self) -> PublicSource | Polyhedron:
-        """Return the source that is named by ``aperture`` or ``source``, without its texts."""
+        """Return the source of ``aperture`` or ``source``, without taper, copies or steering."""
         given = {key: self.values.get(key) for key in ("aperture", "source")}
         kinds = " (an aperture file such as GeoJSON or DXF, or a source file)"
         parameter = only_given(given, SceneError, f"{kinds} of the {self.element}")
@@ -316,7 +316,7 @@ class _SceneValues:
         return read_aperture(path, self.text("unit", "mm"), self.number("tolerance"), layers, joins)
 
     def wavelength(self) -> float:
-        """Return the wavelength in m, from the parameter ``wavelength`` or ``frequency``."""
+        """Return the wavelength in m, from exactly one of ``wavelength`` and ``frequency``."""
         given = {name: self.number(name) for name in ("frequency", "wavelength")}
         name = only_given(given, SceneError, f" of the {self.element}")
         number = given[name] or 0.0
@@ -331,7 +331,7 @@ class _SceneValues:
             return polarisation_of_text(text, source)
 
     def pose(self) -> Floats:
-        """Return the pose ``to_world``, shape (4, 4), by default the identity."""
+        """Return the pose ``to_world`` in scene units, shape (4, 4), by default the identity."""
         transform = self.values.get("to_world")
         return rigid_pose(np.eye(4) if transform is None else transform.matrix)
 
@@ -356,7 +356,7 @@ class _SceneValues:
         return value
 
     def _wrong_type(self, name: str, expected: str, tag: str) -> SceneError:
-        """Return the error for a parameter of a wrong type."""
+        """Return the error for a parameter of a wrong type; ``tag`` is the required XML tag."""
         value = self.values[name]
         return SceneError(
             f'expected {name} to be {expected}, <{tag} name="{name}" .../> in a scene file, got '
@@ -389,9 +389,9 @@ def pose_of(plugin: Any) -> Floats:
 
 
 def reach_of(scene: mi.Scene, plugin: Any) -> float:
-    """Return the largest coordinate of a source or receiver and of adjacent flat surfaces.
+    """Return the largest absolute coordinate of a source or receiver and of adjacent flat surfaces.
 
-    The result is in scene units.
+    The coordinates refer to the scene, in scene units.
     """
     pose, (left, bottom, right, top) = pose_of(plugin), plugin.spec.source.bounds
     corners = np.array([[x, y] for x in (left, right) for y in (bottom, top)])

@@ -69,7 +69,8 @@ class DrawnWaves:
     def wave(self, inverse: Drjit, x: mi.Point2f, end: mi.Point3f) -> Wave:
         """Return a random wave for a sample from ``x`` to the point or direction ``end``.
 
-        The random numbers are a hash of ``x`` and ``end``.
+        ``inverse`` is the mean inverse wavelength in 1/m. The random numbers are a hash of ``x``
+        and ``end``.
         """
         if self._mixture.is_plain:
             return Wave(inverse, None)
@@ -132,8 +133,9 @@ class WignerRadiance:
     ) -> Drjit:
         """Return the radiance times the squared wavelength in m^2, as a number or Stokes vector.
 
-        The position ``x`` is in scene units. ``wigner(ops, x, y, nu_x, nu_y)``, in m and 1/m,
-        replaces the Wigner function of each term.
+        The position ``x`` is in scene units from the centre of the source, and ``direction`` is a
+        unit vector in its frame. ``wigner(ops, x, y, nu_x, nu_y)``, in m and 1/m, replaces the
+        Wigner function of each term.
         """
         position = (x.x * self._unit, x.y * self._unit)
         frequency = self._flattened(_frequency(direction, wave), position, wave.inverse)
@@ -151,7 +153,7 @@ class WignerRadiance:
         return self._sum_over_terms(direction, wigner_of)
 
     def _sum_over_terms(self, direction: Drjit, value_of: Callable[[_Term], Drjit]) -> Drjit:
-        """Return the sum of h times ``value_of(term)``, as a number or Stokes vector."""
+        """Return the sum of h times ``value_of(term)``, or zero in backward directions."""
         front = direction.z > 0.0
         cosine = dr.select(front, direction.z, 1.0)
         total = 0.0
@@ -161,7 +163,10 @@ class WignerRadiance:
         return dr.select(front, total, 0.0)
 
     def _flattened(self, frequency: Point, position: Point, inverse: Drjit) -> Point:
-        """Subtract the local spatial frequency of a curved wave from a frequency in 1/m."""
+        """Subtract the local spatial frequency of a curved wave from a frequency in 1/m.
+
+        ``position`` is in m, and ``inverse`` is the inverse wavelength in 1/m.
+        """
         if self._wave is None:
             return frequency
         (xx, xy), (_, yy) = self._wave.curvature.tolist()
@@ -232,7 +237,8 @@ class WignerEstimator:
     def irradiance(self, light: WignerEmitter, it: mi.Interaction3f, x: mi.Point2f) -> Drjit:
         """Return L cos/r^2 from the position ``x``, divided by the density of positions, in W/m^2.
 
-        cos belongs to the emission angle at the source; the cosine of incidence is not included.
+        cos belongs to the emission angle at the source; the cosine of incidence and obstacles are
+        not included.
         """
         direction, distance = light.direction_to(it, x)
         value = light.radiance(x, direction, light.wave(x, it.p)) * direction.z
@@ -241,10 +247,10 @@ class WignerEstimator:
     def received(
         self, x: Drjit, direction: Drjit, point: Drjit = None, distance: Drjit = None
     ) -> Drjit:
-        """Return the ray weight h W cos/N in m^2, divided by the density of positions.
+        """Return the weight in m^2 of a ray that leaves a receiver at ``x``, in its frame.
 
-        The density is per square scene unit. ``x`` is the start of the ray in the frame of the
-        receiver; its end is not used.
+        The weight is h W cos/N over the density of positions, with the obliquity factor h, the
+        Wigner function W and the norm N. ``point`` and ``distance`` are not used.
         """
         wave = self._radiance.waves.wave(self._inverse, x, direction)
         return self._scale * self._radiance.at(x, direction, wave) * direction.z / self.density
@@ -269,7 +275,7 @@ class TracedSource:
         source = spec.source
         self.vertices: Any = None
         self.weights: Any = None
-        if not dr.is_jit_v(m.Float) or spec.has_several or not _is_traceable(source):
+        if not dr.is_jit_v(m.Float) or spec.has_several or not _is_differentiable(source):
             return
         self._tables = new_tables_of(flat_source(spec.at_origin), dr.itemsize_v(m.Float) == 8)
         if self._tables.clips > _MOST_CUTS:
@@ -348,7 +354,7 @@ class TracedSource:
         return list(zip(numbers[::2], numbers[1::2], strict=True))
 
     def _vertices(self) -> list[Point]:
-        """Return the vertices relative to the centre of the source, with derivatives."""
+        """Return the vertices in m from the centre of the source, with derivatives."""
         cx, cy = self._spec.support.centre.tolist()
         return [(x - cx, y - cy) for x, y in self._pairs_of_numbers(self.vertices)]
 
@@ -363,8 +369,8 @@ def _real_and_imaginary_parts(weights: NDArray[np.complex128]) -> NDArray[np.flo
     return np.stack([weights.real, weights.imag], axis=-1)
 
 
-def _is_traceable(source: SceneSource) -> bool:
-    """Return whether the elements of a source are disjoint, with uniform fields."""
+def _is_differentiable(source: SceneSource) -> bool:
+    """Return whether a source is differentiable: disjoint elements with uniform fields."""
     if isinstance(source, Wavefront):
         return False
     elements = source.elements_in_plane

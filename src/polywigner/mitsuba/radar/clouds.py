@@ -139,9 +139,10 @@ def covariance(
 def _responses(
     positions: Floats, sources: Sequence[Any], to_world: Any, attrs: dict[str, Any]
 ) -> Complex:
-    """Return the complex responses (sources, n) of sources in m to scatterers at positions (n, 3).
+    """Return the complex responses in m to scatterers at ``positions`` (n, 3), shape (sources, n).
 
-    ``to_world`` is the pose of the sources; by default, it is the pose in ``attrs``.
+    Positions are in the scene, in m. ``to_world`` is the pose of the sources, by default the pose
+    in ``attrs``.
     """
     pose = rigid_pose(np.reshape(attrs["to_world"], (4, 4)) if to_world is None else to_world)
     local = (positions - pose[:3, 3]) @ pose[:3, :3]
@@ -183,7 +184,7 @@ def _contents_of(cloud: Any) -> tuple[Floats, Floats, dict[str, Any]]:
 
 
 def _checked_elements(elements: Any) -> list[Aperture]:
-    """Return the elements of an array as a list; raise ArgumentError for other objects."""
+    """Return the elements of an array, without weights; raise ArgumentError for other objects."""
     if isinstance(elements, Array):
         return list(elements.elements_in_plane)
     expected = "elements to be an Array or a sequence of Apertures"

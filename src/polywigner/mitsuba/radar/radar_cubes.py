@@ -156,14 +156,14 @@ def radar_cube(
     Returns
     -------
     xarray.Dataset
-        ``signal`` contains the complex samples in sqrt(W), with the dimensions (draw, receiver,
-        emitter, chirp, sample). The mean of its squared modulus is the received power.
-        ``noise_power`` is the noise power per sample of each receiver in W. ``receiver_position``
-        and ``emitter_position`` are in m, in the frame of the first receiver. ``start_time`` is the
-        time of the first repetition of each emitter in s. The coordinates are the names of
-        receivers and emitters. The attributes are the parameters of the waveform, the ``period`` in
-        s from one repetition of an emitter to the next, ``seed``, ``scattered_points``, and
-        ``notes`` about effects that are not included.
+        ``signal`` contains the complex samples in sqrt(W), as a dask array above 1 GiB, with the
+        dimensions (draw, receiver, emitter, chirp, sample). The mean of its squared modulus is the
+        received power. ``noise_power`` is the noise power per sample of each receiver in W.
+        ``receiver_position`` and ``emitter_position`` are in m, in the frame of the first receiver.
+        ``start_time`` is the time of the first repetition of each emitter in s. The coordinates are
+        the names of receivers and emitters. The attributes are the parameters of the waveform, the
+        ``period`` in s from one repetition of an emitter to the next, ``seed``,
+        ``scattered_points``, and ``notes`` about effects that are not included.
 
     Raises
     ------
@@ -216,8 +216,8 @@ def _lazy_signal(
 ) -> Any:
     """Return the signal as a dask array with one chunk for each draw and receiver.
 
-    ``block(receiver, draw)`` computes a chunk, and ``elements`` contains the numbers of elements of
-    the receivers.
+    ``block(receiver, draw)`` computes a chunk, and ``elements`` contains the number of elements of
+    each receiver.
     """
     array = require("dask.array", "datasets", "cubes of more than 1 GiB are computed with")
     delayed = require("dask", "datasets").delayed(block, pure=False)
@@ -235,7 +235,8 @@ def _radar_of(
 ) -> _Radar:
     """Return the emitters, the receivers or their elements, and the start times of chirps.
 
-    Raises SceneError if a frequency is outside the band of the waveform.
+    ``is_in_turn`` selects time multiplexing. Raises SceneError if a frequency is outside the band
+    of the waveform.
     """
     emitters, receivers = matched_ends(scene, list(range(len(receivers_of(scene)))), options)
     if not emitters:
@@ -275,7 +276,8 @@ def _samples(
 ) -> Complex:
     """Return the samples (element, emitter, chirp, sample) of one receiver in one draw.
 
-    ``seed`` contains the seed of the cube, the index of the receiver and the number of the draw.
+    ``links`` are nested by element and emitter. ``seed`` contains the seed of the cube, the index
+    of the receiver and the number of the draw.
     """
     wave, random = radar.waveform, np.random.default_rng(seed)
     spectra = np.zeros((len(links), len(radar.emitters), wave.chirps, wave.samples), np.complex128)
@@ -366,7 +368,10 @@ def _cloud_of(
     speeds: Velocities,
     options: ReceiveOptions,
 ) -> _Cloud | None:
-    """Return the scatterers of a receiver with responses and delays, or None without scatterers."""
+    """Return the scatterers of a receiver with responses and delays, or None without scatterers.
+
+    ``number`` is the index of the receiver in ``radar``.
+    """
     receivers = radar.receivers[number]
     others = {_receiver_id(ends[0].name) for ends in radar.receivers if ends is not receivers}
     outside = others | {body.name for body in options.bodies}
@@ -392,8 +397,8 @@ def _cloud_of(
 def _responses(cloud: xarray.Dataset, receivers: list[PlacedSource]) -> tuple[Complex, Floats]:
     """Return the responses of a receiver's elements to scatterers, and relative path lengths.
 
-    Both have the shape (element, scatterer) and are in m. Path lengths are relative to their mean
-    over the elements.
+    Both are in m, with the shape (element, scatterer). Path lengths are relative to their mean over
+    the elements.
     """
     power, intensity = cloud["power"].values, cloud["intensity"].values
     if min(power.min(), intensity.min()) < 0:
@@ -412,7 +417,9 @@ def _responses(cloud: xarray.Dataset, receivers: list[PlacedSource]) -> tuple[Co
 def _emitted_amplitudes(
     scene: Any, cloud: xarray.Dataset, emitters: list[PlacedSource]
 ) -> tuple[Complex, Floats]:
-    """Return the square roots of scattered intensities, and path lengths in m, for each emitter.
+    """Return complex amplitudes in sqrt(W/sr) and path lengths in m, shape (emitter, scatterer).
+
+    The squared modulus of an amplitude is the radiant intensity of a scatterer due to an emitter.
 
     If a path has a single reflection, the intensity I of its scatterer is divided among the
     emitters: emitter j contributes I E_j / sum_i E_i, where E_j is the irradiance from emitter j.
@@ -446,7 +453,10 @@ def _emitted_amplitudes(
 
 
 def _visible(scene: Any, emitter: PlacedSource, position: Floats, offset: Floats) -> NDArray[Any]:
-    """Return whether rays from scatterers to an emitter meet no surface, shape (n,)."""
+    """Return whether rays from scatterers to an emitter meet no surface, shape (n,).
+
+    ``offset`` are the vectors in m from ``position`` to the emitter.
+    """
     unit = emitter.scene_unit
     steps = (offset * (1 - 2 * _RAY_OFFSET) / unit).astype(np.float32)
     start = ((position + _RAY_OFFSET * offset) / unit).astype(np.float32)
@@ -456,7 +466,10 @@ def _visible(scene: Any, emitter: PlacedSource, position: Floats, offset: Floats
 
 
 def _scattered_signal(radar: _Radar, cloud: _Cloud, speckle: Complex, emitter: int) -> Complex:
-    """Return the signal (element, chirp or 1, sample) of a receiver from its scatterers, (RC1)."""
+    """Return the signal (element, chirp or 1, sample) of a receiver from its scatterers, (RC1).
+
+    ``speckle`` has the shape (scatterer,). Scatterers at rest give a single chirp.
+    """
     signals = cloud.responses * (speckle * cloud.emitted[emitter])
     starts = radar.chirp_times[emitter, :-1]
     is_moving = cloud.rates != 0
@@ -482,9 +495,10 @@ def _signal_of_repetitions(
 ) -> Complex:
     """Return the signal (element, repetition, sample) of the ``chosen`` scatterers, (RC1).
 
-    ``starts`` are the start times of successive repetitions in s. The repetition m and the sample n
-    are counted from the centre of the frame. A non-uniform FFT sums waves with phases linear in m
-    and n, and a power series expands two small phases:
+    ``signals`` has the shape (element, scatterer), and ``starts`` are the start times of successive
+    repetitions in s. The repetition m and the sample n are counted from the centre of the frame. A
+    non-uniform FFT sums waves with phases linear in m and n, and a power series expands two small
+    phases:
 
     - motion through range bins, r n df (m T + n dt), with the rate r of the delay, the frequency
       step df, the repetition time T and the time step dt
@@ -518,7 +532,7 @@ def _signal_of_repetitions(
 
 
 def _nonuniform_fft(slopes: list[Floats], shape: list[int], count: int) -> Any:
-    """Return a plan that sums waves from (count, points) to ``(count, *shape)``.
+    """Return a plan whose ``execute`` sums amplitudes (count, points) into ``(count, *shape)``.
 
     The phase of a wave is ``2 pi (slopes . numbers)``, where numbers start at ``-(size // 2)``.
     """

@@ -195,7 +195,10 @@ def _one_pass(
 
 
 def _range_sensor(sensor: Any, edges: Floats, factor: int) -> RangeSensor:
-    """Return a sensor with the rays of ``sensor`` and a refined film that sorts by path length."""
+    """Return a sensor with the rays of ``sensor`` and a film that sorts by path length.
+
+    The width and height of the film are multiplied by ``factor``.
+    """
     size, window, offset = film_sizes(sensor, factor)
     check_bin_count(window, edges)
     about = mi.Properties("range_film")
@@ -211,7 +214,7 @@ def _range_sensor(sensor: Any, edges: Floats, factor: int) -> RangeSensor:
 
 
 def check_bin_count(size: Sequence[int], edges: Floats) -> None:
-    """Raise ArgumentError if the pixels of a film have too many range bins in total."""
+    """Raise ArgumentError if the pixels (width, height) of a film have too many bins in total."""
     count = int(size[0]) * int(size[1]) * (len(edges) + 1)
     check_most(count, _MOST_SUMS, "range bins of all pixels", "use fewer bins or fewer pixels")
 
@@ -299,7 +302,7 @@ class RangeSensor(VariantPlugin):
         return ray, weight
 
     def _inverse_rotation(self, d: Drjit) -> Drjit:
-        """Return the inverse of mitransient's rotation of Stokes vectors."""
+        """Return the Mueller matrix that undoes mitransient's rotation of Stokes vectors."""
         m = self.m
         upright = m.Vector3f(self.world_transform() @ m.Vector3f(0.0, 1.0, 0.0))
         axes = dr.cross(d, upright), m.mueller.stokes_basis(-d)

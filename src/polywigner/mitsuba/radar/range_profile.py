@@ -158,7 +158,11 @@ def range_profile(
 def received_by_range(
     scene: Any, numbers: list[int], options: ReceiveOptions, edges: Floats, sample: Sampled
 ) -> tuple[list[ReceivedPower], xarray.Dataset]:
-    """Return the received power of receivers, and their power by range with bin ``edges`` in m."""
+    """Return the received power of receivers, and their power by range.
+
+    ``numbers`` are indices in the list of `receivers_of`, ``edges`` are ranges in m, and ``sample``
+    renders the scattered light.
+    """
     result = received(scene, numbers, options, sample, edges)
     return result.powers, _profile_of(scene, result, edges)
 
@@ -214,8 +218,8 @@ def _profile_of(scene: Any, result: Received, edges: Floats) -> xarray.Dataset:
 def _direct_power_by_range(paths: Sequence[DirectPath], edges: Floats) -> Floats:
     """Return the direct power by range in W, shape (bins + 2,).
 
-    The first and last values belong to ranges below and above all bins. The amplitudes of
-    interfering paths are added within each bin.
+    ``edges`` are ranges in m. The first and last values belong to ranges below and above all bins.
+    The amplitudes of interfering paths are added within each bin.
     """
     result, waves = np.zeros(len(edges) + 1), np.zeros(len(edges) + 1, np.complex128)
     for path in paths:
@@ -231,7 +235,8 @@ def _power_variables(by_light: Floats, direct: Floats) -> Variables:
     """Return the variables that contain power by range.
 
     ``by_light`` is the scattered power (receivers, lights, batches, values), and ``direct`` is the
-    direct power (receivers, lights, values), both in W.
+    direct power (receivers, lights, values), both in W. The first and last ``values`` belong to
+    ranges below and above all bins.
     """
     batches = by_light.sum(axis=1)
     scattered, of_direct = batches.mean(axis=1), direct.sum(axis=1)
@@ -270,7 +275,10 @@ def _noise_variables(powers: list[ReceivedPower]) -> Variables:
 
 
 def _paths_of(links: list[list[tuple[DirectPath, ...]]]) -> tuple[npt.NDArray[np.str_], Variables]:
-    """Return the labels of all direct paths, and their powers and ranges as variables."""
+    """Return the labels of all direct paths, and their powers and ranges as variables.
+
+    ``links`` are nested by receiver and light.
+    """
     labels: dict[str, int] = {}
     entries = []
     for (i, lights), j in product(enumerate(links), range(len(links[0]))):

@@ -208,8 +208,8 @@ def scatterers(
     xarray.Dataset
         Dataset with the dimension ``scatterer`` and the following variables:
 
-        - ``position`` and ``normal`` (scatterer, axis): position in m, and unit normal of the first
-          surface on the side of the receiver
+        - ``position`` and ``normal`` (scatterer, axis): position in the scene in m, and unit normal
+          of the first surface on the side of the receiver
         - ``power``: received power in W; the estimator ``wigner`` can make it negative
         - ``intensity``: radiant intensity in W/sr towards the receiver, for
           :func:`element_responses`

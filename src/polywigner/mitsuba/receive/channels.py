@@ -207,7 +207,7 @@ class NormalisedSource:
     def root_of_fraction(self, part: PlacedSource, is_complete: bool, wavelength: float) -> float:
         """Return the square root of a part's fraction of the power of the source.
 
-        ``is_complete`` means that no piece of the part is cut off.
+        ``is_complete`` means that ``part`` is one of ``parts``, not a piece of it.
         """
         if is_complete and len(self.parts) == 1 and self.source.normalise == "radiated":
             return 1.0
@@ -222,8 +222,8 @@ Ends = tuple[NormalisedSource, NormalisedSource]
 def _normalised(placed: PlacedSource, polarisation: Any) -> NormalisedSource:
     """Return an end of a link with its polarised parts, for paths that interfere.
 
-    ``polarisation`` applies if the scene specifies none. Raises SceneError for partially coherent,
-    broadband and unpolarised sources.
+    The Jones vector ``polarisation`` applies if the scene specifies none. Raises SceneError for
+    partially coherent, broadband and unpolarised sources.
     """
     if not placed.mixture.is_plain:
         raise SceneError(
@@ -253,8 +253,8 @@ def paths_between(
 ) -> tuple[list[CoherentPath], Complex, list[str]]:
     """Return the paths between an emitter and a receiver, and notes on excluded effects.
 
-    The second result contains the complex amplitudes (n, paths) at n frequencies in Hz. The sources
-    of ``scene`` must be hidden.
+    The second result contains the complex amplitudes (n, paths) at n frequencies in Hz, with the
+    phases of propagation. The sources of ``scene`` must be hidden.
     """
     link = f"from {emitter.name!r} to {receiver.name!r}"
     check_unit(emitter, receiver)
@@ -288,7 +288,10 @@ def paths_between(
 def _specular_path(
     scene: Any, ends: Ends, chain: Chain, meshes: list[Mesh] | None
 ) -> tuple[CoherentPath, list[str]] | str:
-    """Return a path via mirrors and its notes, or the reason why no power arrives."""
+    """Return a path via mirrors and its notes, or the reason why no power arrives.
+
+    ``chain`` is empty for the line of sight; ``meshes`` is None without diffraction.
+    """
     result = open_path(scene, ends[0].source, ends[1].source, chain, meshes, coherent=True)
     if isinstance(result, str):
         return result
@@ -312,7 +315,7 @@ def _specular_path(
 def _polarisation_factor(
     emitted: Complex, received: Complex, ends: Ends, chain: Chain, legs: CentralPath
 ) -> complex:
-    """Return the polarisation factor e_r . E for the Jones vectors of both ends.
+    """Return the polarisation factor e_r . E of both Jones vectors, without conjugation.
 
     ``legs`` is the path between the ends, via the mirrors of ``chain``.
     """
@@ -327,7 +330,7 @@ def _path_to_body(
     """Return the path from an emitter or receiver to a body, and its amplitude transmission.
 
     ``like`` is a receiver whose scene unit and medium apply to the rays. The result is None if part
-    of the body is not in front of the emitter or receiver.
+    of the body is not in front of the emitter or receiver. The transmission of a blocked path is 0.
     """
     image = end.image(chain)
     if not body.is_in_front(image):
@@ -344,7 +347,8 @@ def _echo_path(
 ) -> tuple[CoherentPath, list[str]] | str:
     """Return the path via a body and its notes, or the reason why no power arrives.
 
-    ``leg_to`` is `_path_to_body` with fixed scene and receiver. By reciprocity, both ends transmit.
+    ``leg_to`` is `_path_to_body` with fixed scene and receiver. By reciprocity, both legs lead to
+    the body.
     """
     chains = route.before, route.after[::-1]
     legs, transmission = [], 1.0
@@ -373,7 +377,11 @@ def _echo_path(
 def _echo_coupling(
     ends: Ends, body: Body, chains: tuple[Chain, Chain], legs: list[CentralPath], wavelength: float
 ) -> complex:
-    """Return the coupling of two ends via a conducting body at a wavelength in m."""
+    """Return the coupling of two ends via a conducting body at a wavelength in m.
+
+    ``chains`` and ``legs`` lead from each end to the body. Polarisations are included, and
+    obstacles are not.
+    """
     sides = []
     for end, chain, leg in zip(ends, chains, legs, strict=True):
         side = []
@@ -407,8 +415,9 @@ def _amplitudes_of(paths: Sequence[CoherentPath], frequencies: Floats, tolerance
 def _in_band(compute: Callable[[float], Complex], frequencies: Floats, tolerance: float) -> Complex:
     """Evaluate a smooth function at n frequencies, by Chebyshev interpolation if that saves calls.
 
-    ``compute`` returns an array of complex values for a frequency. The number of nodes is doubled
-    until the error at the new nodes is below ``tolerance``, relative to the largest value.
+    ``compute`` returns an array of k complex values for a frequency, and the result has the shape
+    (n, k). The number of nodes is doubled until the error at the new nodes is below ``tolerance``,
+    relative to the largest of each of the k values.
     """
     low, high = float(frequencies.min()), float(frequencies.max())
     steps = _NODE_COUNTS[-1] - 1
@@ -445,7 +454,7 @@ def _interpolated(nodes: Floats, values: Complex, frequencies: Floats) -> Comple
 def _envelopes(
     paths: Sequence[CoherentPath], delays: Floats, tolerance: float, frequency: float
 ) -> Complex:
-    """Return the amplitudes of paths at a frequency in Hz, without the phases due to delays."""
+    """Return the amplitudes of paths at a frequency f in Hz, divided by exp(2 pi i f delay)."""
     wavelength = SPEED_OF_LIGHT / frequency
     links = [parts for path in paths for _, parts in path.links]
     couplings = iter(_couplings(links, wavelength, tolerance))
@@ -488,7 +497,10 @@ def _dataset(
     notes: list[str],
     polarisation: str,
 ) -> xarray.Dataset:
-    """Return the channel as a dataset; ``links`` contains the paths of each pair and amplitudes."""
+    """Return the channel as a dataset.
+
+    ``links`` contains the paths and amplitudes of each receiver and emitter, receiver by receiver.
+    """
     present = {path.route for paths, _ in links for path in paths}
 
     number = {route: k for k, route in enumerate(r for r in routes if r in present)}

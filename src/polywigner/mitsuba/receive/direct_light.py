@@ -53,8 +53,8 @@ from polywigner.source.polarisation import Stokes
 def free_space_coupling(parts: FacingParts, tolerance: float) -> float:
     """Return the ratio of received to radiated power in free space, without polarisation.
 
-    It is the weighted sum of |b|^2, with b of :func:`polywigner.coupling`, over the waves of
-    emitter and receiver.
+    It is the weighted sum of |b|^2, with b of :func:`polywigner.coupling`, over the mutually
+    incoherent waves of emitter and receiver.
     """
     emitter, receiver = parts.emitter, parts.receiver
     link = f"the link from emitter {emitter.name!r} to receiver {receiver.name!r}"
@@ -106,7 +106,10 @@ def direct_light(
     chains: list[Chain],
     tolerance: float,
 ) -> DirectLight:
-    """Return the direct paths from an emitter to a receiver; the scene's sources must be hidden."""
+    """Return the direct paths from an emitter to a receiver; the scene's sources must be hidden.
+
+    ``chains`` starts with the empty chain for the line of sight.
+    """
     meshes = obstacles_of(scene, emitter, receiver, receiver.wavelength)
 
     def find(chain: Chain) -> tuple[DirectPath, list[str]] | str:
@@ -154,9 +157,10 @@ def _coupling_terms(image: PlacedSource, receiver: PlacedSource, tolerance: floa
 def _coupling_and_match(
     terms: list[Term], receiver: PlacedSource, transmission: Floats
 ) -> tuple[float, float]:
-    """Return the total coupling, and the fraction of the power in the receiver's polarisation.
+    """Return the total coupling in free space, and the matched fraction of the transmitted power.
 
-    ``transmission`` is the mean transmission of the path, shape (1, 1), or a Mueller matrix (4, 4).
+    The matched power is in the receiver's polarisation. ``transmission`` is the mean transmission
+    of the path, shape (1, 1), or a Mueller matrix (4, 4).
     """
     size = len(transmission)
     weight = 1.0 if receiver.polarisation is None else 0.5
@@ -269,7 +273,7 @@ def _starts(
 ) -> tuple[Floats, Floats]:
     """Return the starts (n, 3) of rays from a light to ``end``, and the light's mirror image, in m.
 
-    The image of a directional light is a point 1 m away from the receiver.
+    The image of a directional light is a point 1 m away from the receiver, towards the light.
     """
     unit = receiver.scene_unit
     ((centre,),) = point_batches(receiver.centre[None] / unit)
@@ -293,7 +297,7 @@ def _first(point: Drjit) -> Floats:
 def _sampled_light(
     light: DeltaLight, point: Any, wavelengths: Any = None
 ) -> tuple[mi.DirectionSample3f, Drjit]:
-    """Return the direction from a point to a light, and its spectrum, from Mitsuba."""
+    """Return the direction from a point to a light, and the spectrum of its irradiance."""
     it = dr.zeros(mi.SurfaceInteraction3f)
     if wavelengths is not None:
         it.wavelengths = wavelengths
@@ -336,8 +340,9 @@ def _wavelength_samples() -> list[Drjit]:
 def _effective_areas(receiver: PlacedSource, image: Floats, is_infinite: bool) -> list[Term]:
     """Return the effective area of each polarised field of a receiver in m^2.
 
-    ``image`` is the position of the light or its mirror image in m. The areas have the form of
-    coupling terms with unpolarised light.
+    ``image`` is the position of the light or its mirror image in m, which only specifies a
+    direction if the light ``is_infinite``. The areas have the form of coupling terms with
+    unpolarised light.
     """
     axes = receiver.pose[:3, :3]
     point, scale = axes.T @ (image - receiver.pose[:3, 3]), 1 / (4 * math.pi)

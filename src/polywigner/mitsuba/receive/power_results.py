@@ -217,7 +217,10 @@ class ReceivedPower:
 def noise_power_of(
     bandwidth: float | None, temperature: float | None, noise_figure: float | None
 ) -> float | None:
-    """Return the noise power k T B F in W, or None if T in K or B in Hz is unknown; F is in dB."""
+    """Return the noise power k T B F in W, or None if T in K or B in Hz is unknown.
+
+    F is in dB, and None counts as 0 dB.
+    """
     if temperature is None or bandwidth is None:
         return None
     return BOLTZMANN * temperature * bandwidth * 10 ** ((noise_figure or 0.0) / 10)

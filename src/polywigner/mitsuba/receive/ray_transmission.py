@@ -163,7 +163,7 @@ class RayTracer:
     def unobstructed(self, si: Any, point: Any) -> Drjit:
         """Return the transmission from a surface to a point of a light, without fog.
 
-        It is zero if a surface blocks the light.
+        It is a Mueller matrix for polarised tracers, and zero if a surface blocks the light.
         """
         medium = mi.MediumPtr(None) if dr.is_jit_v(mi.Float) else None
         it, passed, _, _ = self._to_first_surface(si.spawn_ray_to(point), medium)
@@ -176,7 +176,7 @@ class RayTracer:
     def _to_first_surface(
         self, ray: Any, medium: Any, plane: Plane | None = None
     ) -> tuple[Drjit, Drjit, Drjit, list[Drjit]]:
-        """Trace rays to a mirror or to the first surface that is not null.
+        """Trace rays to the first surface that is not null, or to a nearer mirror in ``plane``.
 
         Return the intersection, the transmission up to it, the medium in front of it, and the
         fields behind all panes for incident fields along x, y and z.
@@ -242,9 +242,10 @@ class RayTracer:
         return fraction, columns
 
     def _reflectance(self, si: Any, active: Any, plane: Plane) -> Drjit:
-        """Return the specular reflectance of a mirror, or zero if a normal map tilts the ray.
+        """Return the power reflectance of a mirror, or zero if a normal map tilts the ray.
 
-        Coherent tracers return its ratio to the Fresnel reflectance.
+        Polarised tracers return a Mueller matrix, and coherent tracers the ratio to the Fresnel
+        reflectance.
         """
         nodes = bsdfs_in(plane.shape.bsdf())
         masks = list(takewhile(lambda node: node.class_name() == MASK, nodes))
@@ -272,7 +273,7 @@ class RayTracer:
 
 
 def _both_sides(before: Surface, behind: Surface, cosine: Floats) -> list[Floats]:
-    """Return 1 over Mitsuba's reflectance, and the amplitude coefficients for s and p polarisation.
+    """Return 1 over Mitsuba's reflectance, and the real amplitude coefficients for s and p waves.
 
     Negative cosines belong to the surface ``behind``.
     """
@@ -305,7 +306,7 @@ def _opacity(masks: list[Any], si: Any, active: Any) -> Drjit:
 
 
 def _s_axis(normal: Any, direction: Any) -> Drjit:
-    """Return the unit vector of s polarisation, which is arbitrary at normal incidence."""
+    """Return the s axis, the unit vector of normal x direction; arbitrary at normal incidence."""
     across = dr.cross(mi.Vector3f(normal), direction)
     length = dr.norm(across)
     is_oblique = length > _NORMAL_INCIDENCE
@@ -321,8 +322,8 @@ _NORMAL_INCIDENCE = 1e-6
 def _mueller(roots: Any, across: Any, arrives: Any, leaves: Any) -> Drjit:
     """Return the Mueller matrix of a reflection or transmission in Mitsuba's axes.
 
-    ``roots`` are amplitude coefficients for s and p polarisation, ``across`` is the s axis, and
-    ``arrives`` and ``leaves`` are propagation directions.
+    ``roots`` are real amplitude coefficients for s and p polarisation, ``across`` is the s axis,
+    and ``arrives`` and ``leaves`` are propagation directions.
     """
     s, p = roots
     mean, difference = (s * s + p * p) / 2, (s * s - p * p) / 2

@@ -187,7 +187,7 @@ def received_powers(
 
 
 def index_of(receivers: list[tuple[int, Any]], receiver: int | str | None) -> int:
-    """Return the index of a receiver, given its id or its index; None selects the only receiver."""
+    """Return the index in ``receivers`` of an id or index; None selects the only receiver."""
     names = [sensor.id() for _, sensor in receivers]
     if receiver is None and len(receivers) == 1:
         return 0
@@ -218,9 +218,10 @@ def received(
     sample: Sampled,
     edges: Floats | None = None,
 ) -> Received:
-    """Return the power at the receivers with the indices ``numbers``.
+    """Return the power at the receivers with the indices ``numbers`` in ``receivers_of(scene)``.
 
-    ``sample`` renders the scattered light, and ``edges`` in m divide it into range bins.
+    ``sample`` renders the scattered light, and ``edges`` are the ranges in m that divide it into
+    bins.
     """
     with polarised_by_default(scene, options.polarisation), hide_emitters(scene), aimed(scene):
         emitters, receivers = matched_ends(scene, numbers, options)
@@ -257,7 +258,7 @@ def matched_ends(
 def _scattering_settings(
     scene: Any, sensor: int, options: ReceiveOptions, unit: float, edges: Floats | None
 ) -> Scattering:
-    """Return the settings for sampling the light scattered to a sensor.
+    """Return the settings for sampling the light scattered to the sensor with this index.
 
     ``unit`` is the length of a scene unit in m, and ``edges`` are edges of range bins in m. Raises
     SceneError for integrators that compute no radiance.
@@ -292,7 +293,10 @@ def _direct_lights(
     emitters: list[PlacedSource],
     options: ReceiveOptions,
 ) -> list[DirectLight]:
-    """Return the direct light of each emitter and of all delta lights; sources must be hidden."""
+    """Return the direct light of each emitter, followed by the direct light of all delta lights.
+
+    The sources of the scene must be hidden.
+    """
     routes, notes = routes_in(scene, receiver.scene_unit, options.reflections, options.bodies)
     chains = [route for route in routes if not isinstance(route, Echo)]
     links = [
@@ -382,7 +386,8 @@ def arrival_map(scene: Any, receiver: int, seed: int = 0) -> NDArray[np.float64]
     """Return a map (n, n) of scattered and incoherent power in W by direction of arrival.
 
     Rows and columns are evenly spaced in the direction cosines along the receiver's y and x axes,
-    from -1 to 1.
+    from -1 to 1, of directions away from the receiver. ``receiver`` is an index in
+    ``receivers_of(scene)``.
     """
     _, original = receivers_of(scene)[receiver]
     size, spp = _FINE if dr.is_jit_v(mi.Float) else _COARSE
@@ -411,9 +416,10 @@ _MOST_NAMED, _LEAST_NAMED = 5, 0.01
 def shapes_in(
     scene: Any, receiver: int, image: NDArray[np.float64]
 ) -> dict[str, tuple[float, float]]:
-    """Return the shapes from which most power arrives, with their direction cosines.
+    """Return the mean direction cosines (x, y) of the shapes from which most power arrives, by id.
 
-    ``image`` is a map (n, n) of `arrival_map`, and the keys of the result are the ids of shapes.
+    At most 5 shapes are returned. ``image`` is the map (n, n) that `arrival_map` returns for the
+    same ``receiver``.
     """
     placed = placed_receiver(scene, receivers_of(scene)[receiver][1], receiver)
     axis = (np.arange(len(image)) + 0.5) * 2 / len(image) - 1
@@ -436,7 +442,7 @@ def shapes_in(
 
 
 def _first_shapes(scene: Any, origin: Floats, directions: Floats) -> NDArray[np.uint32]:
-    """Return the registry number of the first shape in each direction; directions are (3, n)."""
+    """Return the registry number of the first shape in each of n ``directions`` (3, n), or zero."""
     start, numbers = mi.Point3f(*origin.tolist()), []
     for (direction,) in point_batches(directions.T):
         hit = scene.ray_intersect_preliminary(mi.Ray3f(start, mi.Vector3f(direction)))

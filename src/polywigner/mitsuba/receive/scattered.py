@@ -90,9 +90,10 @@ def _boxes(shape: Any) -> list[Floats]:
 
 
 def _vectors_to_boxes(sensor: Any, boxes: Floats) -> Floats:
-    """Return vectors (boxes, points, 3) from a receiver to boxes, in its frame, in scene units.
+    """Return vectors (boxes, points, 3) from the corners of a receiver to points in boxes.
 
-    Boxes that are not entirely in front of the receiver are omitted.
+    The vectors are in the receiver's frame, in scene units. Boxes that are not entirely in front of
+    the receiver are omitted.
     """
     grid = np.linspace(0.0, 1.0, _POINTS)
     inner = np.stack(np.meshgrid(grid, grid, grid), axis=-1).reshape(-1, 3)
@@ -108,8 +109,9 @@ def _vectors_to_boxes(sensor: Any, boxes: Floats) -> Floats:
 def _boxes_of_angles(sensor: Any, boxes: Floats) -> Floats:
     """Return boxes of angles around small shapes as seen from a receiver, shape (n, 5).
 
-    ``boxes`` (m, 2, 3) are bounding boxes in space. The columns are the lower and upper angles
-    (alpha, psi), and the fraction of the aimed samples.
+    ``boxes`` (m, 2, 3) are bounding boxes in space. The columns are the lower alpha and psi, the
+    upper alpha and psi, and the fraction of the aimed samples. alpha is the direction cosine along
+    the receiver's x axis, and psi is atan2(y, z) in rad.
     """
     vectors = _vectors_to_boxes(sensor, boxes)
     if not len(vectors):
@@ -132,7 +134,7 @@ def _boxes_of_angles(sensor: Any, boxes: Floats) -> Floats:
 
 
 def _unaimed_fraction(directions: Any, rows: Floats) -> Floats:
-    """Return the fraction of the unaimed samples in boxes of angles, shape (n,)."""
+    """Return the fraction of the unaimed samples in the boxes of `_boxes_of_angles`, shape (n,)."""
     steps = (np.arange(_PROBES) + 0.5) / _PROBES
     inner = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     low, size = rows[:, None, :2], np.diff(rows.reshape(-1, 2, 2), axis=1)
@@ -164,7 +166,7 @@ class AimedDirections:
     def sample(self, sample: Any) -> tuple[Drjit, Drjit]:
         """Map points of the unit square to angles (alpha, psi), and return their density.
 
-        The density is per solid angle.
+        The angles are defined in `_boxes_of_angles`. The density is per solid angle.
         """
         m = self._m
         aims = sample.x < _AIMED
@@ -203,7 +205,7 @@ def _between(low: Drjit, high: Drjit, u: Drjit) -> Drjit:
 
 
 def _density_in(angles: Any, box: Sequence[Drjit]) -> Drjit:
-    """Return the density of the samples aimed at a box, at angles (alpha, psi)."""
+    """Return the density per solid angle of the samples aimed at a box, at angles (alpha, psi)."""
     in_alpha, in_psi = (
         (angle >= low) & (angle <= high)
         for angle, low, high in zip((angles.x, angles.y), box[:2], box[2:4], strict=True)
@@ -216,7 +218,7 @@ BATCHES = 16
 
 
 def batch_spp(spp: int) -> int:
-    """Return the number of samples per batch for a total of at least ``spp``."""
+    """Return the number of samples of each of 16 batches for a total of at least ``spp``."""
     return -(-check_spp(spp) // BATCHES)
 
 
@@ -270,7 +272,7 @@ class Scattering:
 
 
 def lights_of(scene: Any) -> list[mi.Emitter | None]:
-    """Return the lights that are rendered separately; None represents all incoherent lights."""
+    """Return the separately rendered lights: None for all incoherent lights, then sources."""
     sources = wigner_emitters(scene)
     return ([None] if len(sources) < len(scene.emitters()) else []) + sources
 
@@ -278,7 +280,9 @@ def lights_of(scene: Any) -> list[mi.Emitter | None]:
 def by_source(scene: Any, powers: NDArray[np.float64]) -> tuple[Floats, Floats]:
     """Divide powers by light into the powers of coherent sources and of all other lights.
 
-    ``powers`` (batches, lights, ...) follow the order of `lights_of`.
+    ``powers`` (batches, lights, ...) follow the order of `lights_of`, and the power of a source
+    includes all incoherent lights. The results have the shapes (sources, batches, ...) and
+    (batches, ...).
     """
     if len(lights_of(scene)) == len(wigner_emitters(scene)):
         return np.moveaxis(powers, 1, 0), np.zeros_like(powers[:, 0])

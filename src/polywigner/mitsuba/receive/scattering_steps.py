@@ -75,7 +75,7 @@ class Steps:
         return paths, values
 
     def _lights_hit(self, paths: Paths, si: Drjit) -> dict[str, Drjit]:
-        """Return the lights that rays hit, and the radiance of each at the receiver."""
+        """Return the lights that rays hit, and their radiances at the receiver with MIS weights."""
         light = si.emitter(self._scene, paths.active)
         direction = mi.DirectionSample3f(self._scene, si, paths.last)
         can_sample = paths.active & (paths.is_smooth ^ True)
@@ -92,7 +92,10 @@ class Steps:
     def _sampled_lights(
         self, paths: Paths, si: Drjit, bsdf: Drjit, is_met: Drjit, sample: Drjit
     ) -> dict[str, Drjit]:
-        """Sample a light; return its radiance at the receiver, distance and direction."""
+        """Sample a light; return its radiance (with the MIS weight), distance and direction.
+
+        ``is_met`` marks paths that meet a surface.
+        """
         scatters = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
         active = is_met & scatters & (paths.bounces < self._most)
         direction, weight = self._scene.sample_emitter_direction(si, sample, False, active)
@@ -121,6 +124,7 @@ class Steps:
         """Sample new directions at surfaces.
 
         Return the paths that leave the surfaces, and a mask of the paths that were scattered.
+        ``is_met`` marks paths that meet a surface.
         """
         direction = mi.Point2f(*samples[1:3])
         sample, weight = bsdf.sample(self._context, si, samples[0], direction, is_met)
@@ -194,7 +198,11 @@ def events_of(
     meets_lights: bool,
     motion: Motion | None,
 ) -> Iterator[Events]:
-    """Trace paths, and yield the events of each step; ``first`` (n, 2) selects the first lights."""
+    """Trace paths, and yield the events of each step, without powers and intensities.
+
+    ``first`` (n, 2) are uniform random numbers that select the first lights. ``meets_lights`` means
+    that the scene has lights that rays can hit.
+    """
     count, steps = len(first), Steps(scene, most_bounces, meets_lights)
     state: Events = np.zeros(count, EVENT).view(np.recarray)
     state.ray = np.arange(count)
@@ -224,7 +232,7 @@ def events_of(
 
 
 def _at_surfaces(here: Events, step: _Step) -> Events:
-    """Add the distance to the next surface to ``here``, and store the first surface of paths."""
+    """Add the distance to the next surface to ``here`` in place, and store the first surfaces."""
     here.length += np.where(step["is_met"], step["t"], 0.0)
     facing = -np.sign(np.vecdot(step["n"], step["d"]))[:, None]
     is_first = here.bounces == 0
@@ -235,7 +243,10 @@ def _at_surfaces(here: Events, step: _Step) -> Events:
 
 
 def _events(here: Events, step: _Step, velocity: Floats, motion: Motion | None) -> Iterator[Events]:
-    """Yield the events of one step at sampled lights, and at lights that rays hit."""
+    """Yield the events of one step at sampled lights, and at lights that rays hit.
+
+    ``velocity`` (n, 3) are the velocities of the surfaces in scene units per second.
+    """
     is_sampled = step["sampled"] != 0.0
     if is_sampled.any():
         event, sampled = here[is_sampled], {name: value[is_sampled] for name, value in step.items()}

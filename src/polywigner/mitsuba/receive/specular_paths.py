@@ -77,8 +77,8 @@ class PassingRays(NamedTuple):
     def amplitude(self) -> float:
         """Mean square root of the transmission, including blocked rays.
 
-        For mirrors that form a corner, the sum over all orders of the mirrors is the mean for the
-        corner.
+        If mirrors form a corner, each order of reflection has only a part of the rays, and the
+        values of all orders add up to the value of the corner.
         """
         return float(np.sqrt(self.fractions[:, 0, 0]).sum() / _ray_count())
 
@@ -142,7 +142,7 @@ class CentralPath(NamedTuple):
     def between(
         cls, emitter: PlacedSource, receiver: PlacedSource, chain: Chain, rays: PassingRays
     ) -> CentralPath:
-        """Return the path between the centres, or one of the ``rays`` if it misses a mirror."""
+        """Return the path between the centres, or the first ray if this path misses a mirror."""
         points = points_by(emitter.centre[None], receiver.centre[None], chain)
         if not len(points[0]):
             points = rays.points
@@ -155,7 +155,7 @@ class CentralPath(NamedTuple):
 
     @property
     def transmission(self) -> float:
-        """Amplitude transmission of the panes on the first segment for unpolarised light."""
+        """Amplitude transmission of the panes on the first segment, RMS over polarisations."""
         along = self.points[1] - self.points[0]
         along /= np.linalg.norm(along)
         across = self.panes[0] @ (np.eye(3) - np.outer(along, along))
@@ -165,7 +165,7 @@ class CentralPath(NamedTuple):
         """Return the electric field (3,) in the scene at the end for a Jones vector at the start.
 
         The distance changes neither phase nor modulus. ``axes`` (3, 3) are the axes of the source
-        in its columns.
+        in its columns, and the Jones vector is in Ludwig's axes.
         """
         steps = np.diff(self.points, axis=0)
         steps /= np.linalg.norm(steps, axis=1)[:, None]
@@ -193,8 +193,8 @@ def diffracted_ratio(
 ) -> complex:
     """Return the ratio b/b_0 of the couplings with and without obstacles, or 1 without obstacles.
 
-    ``emitter`` is the real emitter, not its mirror image. Vertices of ``meshes`` and the wavelength
-    are in m.
+    ``emitter`` is the real emitter, not its mirror image. ``meshes`` are the obstacles in the
+    scene. Their vertices and the wavelength are in m.
     """
     image = emitter.image(chain)
     if chain:
@@ -220,11 +220,11 @@ def diffracted_ratio(
 def _receiving_points(
     points: Sequence[RadiatingPoint], axes: Floats, origin: Floats
 ) -> tuple[Floats, Complex]:
-    """Return positions and complex weights; the receiver receives the weighted sum of the field.
+    """Return positions (n, 3) and complex weights (n,); a receiver sums the weighted fields there.
 
-    ``axes`` and ``origin`` are the pose of the receiver relative to the emitter, in wavelengths. By
-    reciprocity, a dipole receives the normal derivative of the field, computed as a finite
-    difference.
+    The positions, and the pose ``axes`` and ``origin`` of the receiver, are in the emitter's frame,
+    in wavelengths. By reciprocity, a dipole receives the normal derivative of the field, computed
+    as a finite difference.
     """
     positions = np.array([p.position for p in points]) @ axes.T + origin
     field, slope = (np.array(w) for w in zip(*((p.field, p.slope) for p in points), strict=True))
@@ -243,7 +243,7 @@ def unobstructed_rays(
     chain: Sequence[Mirror],
     coherent: bool = False,
 ) -> PassingRays:
-    """Return the rays of `passing_rays`, as if the scene contained no obstacles."""
+    """Return the rays of `passing_rays`, as if the scene had no obstacles, panes or fog."""
     plain = replace(receiver, medium=None)
     if not chain:
         return passing_rays(mi.load_dict({"type": "scene"}), emitter, plain, coherent=coherent)
@@ -264,7 +264,10 @@ def unobstructed_rays(
 def _unfolded(
     meshes: list[Mesh], emitter: PlacedSource, receiver: PlacedSource, chain: Sequence[Mirror]
 ) -> list[Mesh]:
-    """Return the obstacles in front of each segment, reflected at all later mirrors of the path."""
+    """Return the obstacles in front of each segment, reflected at all later mirrors of the path.
+
+    In the result, the path is a straight line from the emitter's image to the receiver.
+    """
     points = points_by(emitter.centre[None], receiver.centre[None], chain)
     if not len(points[0]):
         points = _rays_between(emitter, receiver, chain)
@@ -329,7 +332,7 @@ def even_points(count: int, dimensions: int, shift: float | Floats = 0.5) -> Flo
 
 
 def points_on(source: PlacedSource, dimensions: slice = slice(2, 4)) -> Floats:
-    """Return quasi-random points (n, 3) on a source with the density |u|^2, in m.
+    """Return quasi-random points (n, 3) in the scene on a source, with the density |u|^2, in m.
 
     ``dimensions`` selects two of four quasi-random numbers, so that two sources can use different
     numbers.
@@ -354,7 +357,7 @@ def trace_rays(
     emitter. Rays end at the last point if ``emitter`` is None.
 
     Returns the transmission (n, k, k) of each ray, with k = 1, or k = 4 for Mueller matrices, and
-    the mean matrix (3, 3) of the panes on each segment.
+    the mean matrix (3, 3) of the panes on each segment, from the emitter to the receiver.
     """
     unit = receiver.scene_unit
     ends = [receiver] if emitter is None else [receiver, emitter]
@@ -391,7 +394,10 @@ def trace_rays(
 
 
 def _pane_matrices(result: Transmission, legs: int) -> Floats:
-    """Return the matrices of the panes on each of ``legs`` segments, shape (n, legs, 3, 3)."""
+    """Return the matrices of the panes on each of ``legs`` segments, shape (n, legs, 3, 3).
+
+    Segments are in the order of the rays, and the rows are the fields for incident x, y and z.
+    """
     # Segments are missing if all rays miss a mirror.
     columns = result.panes + [result.panes[0]] * (legs - len(result.panes))
     parts = [np.array(part, np.float64).reshape(3, -1) for leg in columns for part in leg]
@@ -400,7 +406,10 @@ def _pane_matrices(result: Transmission, legs: int) -> Floats:
 
 
 def _plane(mirror: Mirror, unit: float, extent: float, coherent: bool) -> Plane:
-    """Return the plane of a mirror in scene units; ``unit`` is the length of a unit in m."""
+    """Return the plane of a mirror in scene units.
+
+    ``unit`` is the length of a unit in m, and ``extent`` is the largest coordinate of the rays.
+    """
     rounding = _IN_PLANE * max(extent, float(np.abs(bounds_of(mirror.shape)).max()))
     normal = mi.Vector3f(*mirror.normal.tolist())
     surfaces = None
@@ -414,7 +423,8 @@ def _in_ludwig_axes(
 ) -> Drjit:
     """Convert the Mueller matrices of rays from Mitsuba's axes to Ludwig's axes at both ends.
 
-    Without an emitter, only the axes at the receiver are converted.
+    Without an emitter, only the axes at the receiver are converted. Without mirrors
+    (``is_direct``), the axes of all rays are those of the ray between the centres.
     """
     first, last = result.first, result.last
     if is_direct and emitter is not None:
@@ -457,7 +467,7 @@ def open_path(
 ) -> OpenPath | str:
     """Trace rays from an emitter via mirrors to a receiver; return the reason if none arrives.
 
-    If ``meshes`` contains obstacles whose edges diffract, only the mirrors affect the rays.
+    If ``meshes`` is not None, obstacles diffract, and only the mirrors affect the rays.
     """
     parts = facing_parts(emitter.image(chain), receiver)
     if parts is None:
@@ -495,7 +505,7 @@ def open_path(
 def obstacles_of(
     scene: Any, emitter: PlacedSource, receiver: PlacedSource, wavelength: float
 ) -> list[Mesh] | None:
-    """Return the meshes of diffracting obstacles in m, or None without diffraction."""
+    """Return the meshes of obstacles in m, or None if ``diffraction`` is False at both ends."""
     if not (emitter.diffraction or receiver.diffraction):
         return None
     unit = receiver.scene_unit

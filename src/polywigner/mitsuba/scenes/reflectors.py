@@ -166,7 +166,7 @@ def _corners_and_normals(shape: mi.Mesh) -> tuple[Floats, Floats]:
 
 
 def _centre_and_normal(shape: mi.Shape) -> tuple[Floats, Floats]:
-    """Return the centre and normal of a rectangle or disk, or empty arrays."""
+    """Return the centre and unit normal of a rectangle or disk, shapes (1, 3), or empty arrays."""
     if shape.class_name() not in ("Rectangle", "Disk"):
         return np.empty((0, 3)), np.empty((0, 3))
     sample = shape.sample_position(0.0, mi.Point2f(0.5, 0.5))
@@ -297,7 +297,8 @@ class Body:
     def target_facing(self, image: PlacedSource, like: PlacedSource) -> PlacedSource:
         """Return a square at the body's centre that faces a source, as a target for rays.
 
-        Its side is half the diagonal of the body's bounding box.
+        Its side is half the diagonal of the body's bounding box, and ``like`` provides its other
+        parameters.
         """
         z = image.centre - self.facets.centre
         z /= np.linalg.norm(z)
@@ -308,7 +309,7 @@ class Body:
         return replace(like, source=square(self.facets.size / 2), pose=pose)
 
     def antenna(self, image: PlacedSource, wavelength: float) -> Antenna:
-        """Return the mirror image of an emitter or receiver as an antenna near the body."""
+        """Return the mirror image of an end as an antenna in the frame of the body's centre."""
         pose: Floats = np.asarray(np.linalg.inv(image.pose), np.float64)
         pose[:3, 3] += pose[:3, :3] @ self.facets.centre
         condition: Any = image.obliquity
@@ -391,7 +392,10 @@ def _body(name: str, value: Any) -> Body:
 
 
 def _echoes_of(bodies: Sequence[Body], mirrors: Sequence[Mirror], reflections: int) -> list[Echo]:
-    """Return paths via one body and at most one mirror before and after it."""
+    """Return paths via one body and at most one mirror before and after it.
+
+    ``reflections`` limits the number of mirrors.
+    """
     for name in {body.name for body in bodies} & {mirror.name for mirror in mirrors}:
         raise SceneError(f"the name {name!r} belongs to a body and to a mirror; rename the body")
     single: list[Chain] = [(), *((mirror,) for mirror in mirrors if reflections)]

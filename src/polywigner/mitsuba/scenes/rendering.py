@@ -121,7 +121,7 @@ def may_shadow(scene: mi.Scene) -> bool:
 
 
 def _shines_on(light: mi.Emitter, points: Floats) -> bool:
-    """Return whether a light radiates towards one of the points (n, 3)."""
+    """Return whether a light radiates towards one of the points (n, 3) in scene units."""
     if not surfaces.is_source(light):
         return True
     pose = np.array(surfaces.matrix_of(light.to_world))
@@ -307,7 +307,7 @@ _MOST_MIRRORS = 2
 
 
 def with_delta_lights(exposure: Exposure, image: Image) -> Image:
-    """Add the direct light of delta lights to the image of a receiver; return other images."""
+    """Add the direct light of delta lights to a copy of a receiver's image; return other images."""
     scene, camera, method = exposure.scene, exposure.camera, exposure.integrator
     names = method.class_name() + type(method).__name__
     if not surfaces.is_receiver(camera) or method.hide_emitters or not delta_lights(scene):
@@ -336,7 +336,7 @@ _HIDDEN_SCALE = 1e-3
 
 @contextmanager
 def hide_emitters(scene: mi.Scene) -> Iterator[None]:
-    """Hide coherent sources within a ``with`` block; they still illuminate the scene."""
+    """Hide coherent sources from rays within a ``with`` block; they still illuminate the scene."""
     sources = surfaces.wigner_emitters(scene)
     null = mi.BSDFFlags.Null
     visible = [source.get_shape() for source in sources if source.spec.visible]
@@ -380,7 +380,7 @@ def illuminated_by(sources: Sequence[Any], active: Any) -> AbstractContextManage
 
 
 def _move_vertices(scene: mi.Scene, shapes: list[mi.Mesh], corners: list[Floats]) -> None:
-    """Set the vertices (n, 3) of each mesh, and update the scene."""
+    """Set the vertices (n, 3) of each mesh in scene units, and update the scene."""
     for shape, points in zip(shapes, corners, strict=True):
         set_mesh(shape, vertex_positions=points)
     scene.parameters_changed([])  # Updates the surfaces that rays hit.

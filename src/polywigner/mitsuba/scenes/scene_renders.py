@@ -86,8 +86,9 @@ class SceneParts:
     ) -> npt.NDArray[np.float64]:
         """Compute the parts that are missing in a store, and return all values.
 
-        ``variable`` contains the name and the unit, and ``sizes`` the lengths of the axes.
-        ``keeping`` contains ``scheduler``, ``threads`` and ``progress``.
+        ``variable`` contains the name and the unit, ``sizes`` the lengths of the axes, ``chunks``
+        the lengths of a part, and ``settings`` attributes that identify the result. ``keeping``
+        contains ``scheduler``, ``threads`` and ``progress``.
         """
         name, units = variable
         attrs = {**vars(self.file), **settings}
@@ -204,7 +205,7 @@ def render_parts(
 def strip(
     cut: Tiling, options: Mapping[str, Any], scene: Any, origin: Index
 ) -> npt.NDArray[np.float64]:
-    """Render the strip of an image that starts at the row ``origin[0]``."""
+    """Render the strip (rows, width, channels) that starts at the row ``origin[0]`` of an image."""
     # The first process has already issued the warnings.
     exposure = exposed(scene, **options, warn=False)
     image = replace(exposure, cut=cut).image(origin[0] // cut.rows)
@@ -222,7 +223,8 @@ def receive_parts(
     """Compute :func:`received_powers` of a scene that was loaded from a file.
 
     With ``edges`` of range bins in m, the :func:`range_profile` of the same samples is also
-    returned, otherwise None.
+    returned, otherwise None. ``keeping`` contains ``store``, ``scheduler``, ``threads`` and
+    ``progress``.
     """
     numbers = list(range(len(receivers_of(scene))))
     sample = partial(_sampled, file, scene, **keeping)
@@ -255,7 +257,7 @@ def _sampled(
 
 
 def _batch(plans: Sequence[Scattering], scene: Any, origin: Index) -> npt.NDArray[np.float64]:
-    """Render the batch of scattered light with the index ``origin``: receiver, batch, ..."""
+    """Render the batch ``origin`` (receiver, batch, ...), with the shape (1, 1, lights, ...)."""
     receiver, batch, *_ = origin
     with hide_emitters(scene), aimed(scene):
         return plans[receiver].batch(scene, batch)[None, None]

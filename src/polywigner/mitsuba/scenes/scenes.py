@@ -181,7 +181,7 @@ class SceneFile:
 
 @one_at_a_time
 def _load(how: SceneFile, entries: dict[str, Any]) -> mi.Scene:
-    """Load a scene from the file ``how.path``, or from a dictionary of ``entries``."""
+    """Load a scene from the file ``how.path``, or if it is None, from ``entries``."""
     if how.variant is not None or mi.variant() is None:
         mi.set_variant(choose_variant(how.variant))
     register()
@@ -280,7 +280,7 @@ def _file_names_at(state: mi.parser.ParserState, location: str) -> list[str]:
 
 
 def _printable(text: str) -> str:
-    """Return a text shortened to one message, without unprintable characters."""
+    """Return a text shortened to 600 characters, with unprintable characters replaced."""
     short = text[:_LONGEST_MESSAGE] + ("..." if text[_LONGEST_MESSAGE:] else "")
     return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in short)
 
@@ -331,7 +331,7 @@ def _resolver(resolver: mi.FileResolver) -> Iterator[None]:
 
 @contextmanager
 def _resolving(file: Path | None) -> Iterator[None]:
-    """Resolve relative file names in the folder of a scene file.
+    """Resolve relative file names in the folder of a scene file, if ``file`` is not None.
 
     Mitsuba loads plugin libraries from the resolver's folders. Mitsuba's own folder is the first
     one, so that no library next to a scene is loaded.
@@ -407,7 +407,7 @@ class _CheckedFiles:
         self.folders = [folder for folder in folders if folder is not None]
 
     def add(self, text: str) -> None:
-        """Add a file if it exists; raise FileFormatError if it is not permitted."""
+        """Add the file named ``text`` if it exists; raise FileFormatError if it is forbidden."""
         path = _resolved(text)
         if path is None or path.is_dir():
             return

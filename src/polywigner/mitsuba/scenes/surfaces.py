@@ -137,9 +137,9 @@ _FLAT = ("Rectangle", "Disk", "Instance")
 
 
 def extent_near(scene: mi.Scene, corners: Floats) -> float:
-    """Return the largest coordinate of a source and of adjacent flat surfaces, in scene units.
+    """Return the largest absolute coordinate of a source and of flat surfaces that touch its box.
 
-    ``corners`` (n, 3) are the corners of the source.
+    ``corners`` (n, 3) are the corners of the source in scene units.
     """
     low, high = corners.min(axis=0), corners.max(axis=0)
     result = float(np.abs(corners).max())
@@ -157,7 +157,7 @@ def extent_near(scene: mi.Scene, corners: Floats) -> float:
 
 
 def _largest_coordinate_in_box(mesh: mi.Mesh, low: Floats, high: Floats) -> float:
-    """Return the largest coordinate of the triangles that meet a box."""
+    """Return the largest absolute coordinate of the triangles whose bounds meet a box."""
     corners = vertices_of(mesh)[faces_of(mesh)]
     meets = (corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)
     return float(np.abs(corners[meets.all(axis=1)]).max(initial=0.0))
@@ -181,7 +181,7 @@ def largest_coordinate(point: Drjit) -> Drjit:
 
 
 def shadow_end(it: mi.Interaction3f, end: Drjit, normal: Drjit, extent: Drjit) -> Drjit:
-    """Return a point for ``spawn_ray_to`` such that the shortened shadow ray ends at ``end``.
+    """Return a point for ``spawn_ray_to`` whose shortened shadow ray ends just before ``end``.
 
     ``extent`` is the largest coordinate of the source and of adjacent surfaces, and ``normal`` the
     unit normal of the source.
@@ -218,7 +218,7 @@ class ShapeExtents:
         self._table = mi.Float(table.tolist())
 
     def at(self, si: mi.SurfaceInteraction3f) -> Drjit:
-        """Return the largest coordinate of an intersection point and of its shape."""
+        """Return the largest absolute coordinate of an intersection point and of its shape."""
         result = largest_coordinate(si.p)
         if not dr.is_jit_v(mi.Float):
             return max(result, self._sizes.get(id(si.shape), 0.0))
@@ -310,7 +310,10 @@ def _rectangle(_: float) -> tuple[Floats, Indices]:
 
 
 def _chords(radius: float) -> int:
-    """Return the number of chords around a circle with a radius in wavelengths."""
+    """Return the number of chords, 32 to 1024, that approximate a circle to 0.01 wavelengths.
+
+    ``radius`` is in wavelengths.
+    """
     return int(np.clip(math.pi * math.sqrt(0.5 * radius / _SAGITTA), 32, _MOST_CHORDS))
 
 
