@@ -90,13 +90,10 @@ class FMCW:
         for name in ("samples", "chirps"):
             checked_count(getattr(self, name), name, 1, _MOST)
         shortest = self.samples / self.sample_rate
+        meaning = f"a time of at least samples/sample_rate, {shortest:.4g} s"
+        least = shortest * (1 - _ROUNDING)
         interval = self.interval or shortest
-        checked_length(interval, "interval", meaning="a time in s above zero")
-        if interval < shortest * (1 - _ROUNDING):
-            raise ArgumentError(
-                f"interval must be at least samples/sample_rate, {shortest:.4g} s, got "
-                f"{interval:.4g} s"
-            )
+        checked_number(interval, "interval", meaning, lambda x: x >= least)
         object.__setattr__(self, "interval", interval)
 
     @property

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, get_args, get_type_
 import typer
 
 from polywigner.errors import ArgumentError, QuantityError, SceneError, value_text
-from polywigner.interruption import atomic_path, scratch_of
+from polywigner.interruption import scratch_of
 from polywigner.quantities import parse_angle, parse_coordinate
 
 if TYPE_CHECKING:
@@ -189,15 +189,11 @@ def write(paths: Sequence[Path], contents: Sequence[Content], summary: str = "")
     Each item of ``contents`` is a figure, a dataset, a mapping for JSON, or a function that writes
     to a path. Missing folders are created.
     """
-    try:
-        with ExitStack() as stack:
-            for path, content in zip(paths, contents, strict=True):
-                path.parent.mkdir(parents=True, exist_ok=True)
-                _write_content(stack.enter_context(atomic_path(path)), content)
-    except OSError as error:
-        raise ArgumentError(
-            f"cannot write {', '.join(map(str, paths))}: {error}; choose another folder with --out"
-        ) from error
+    from polywigner.geometry.arguments import in_place
+
+    with ExitStack() as stack:
+        for path, content in zip(paths, contents, strict=True):
+            _write_content(stack.enter_context(in_place(path)), content)
     print(*filter(None, [summary]), *paths, sep="\n", flush=True)
 
 

@@ -290,12 +290,8 @@ def _check_aberrated(
     source: object, method: object, through: object, obstacles: object, obliquity: object
 ) -> None:
     """Raise ArgumentError if another argument cannot be combined with an aberration."""
-    others = [value for value in (through, obstacles, obliquity) if value is not None]
-    if (
-        others
-        or not isinstance(source, Aperture | Array | Wavefront)
-        or method not in ("fresnel", "fraunhofer")
-    ):
+    is_valid = isinstance(source, Aperture | Array | Wavefront) and through is obstacles is None
+    if not is_valid or obliquity is not None or method not in ("fresnel", "fraunhofer"):
         raise ArgumentError(
             'an aberration requires an Aperture, Array or Wavefront and method="fresnel" or '
             f'"fraunhofer", without through=, obstacles= and obliquity=; got method={method!r}. '

@@ -135,7 +135,11 @@ def _field_dataset(
     """Return the fields of all requested methods on a grid, in memory, lazy or stored."""
     check_options(options, FieldOptions)
     radiator, length = checked_radiator(source, partly=True), checked_wavelength(wavelength)
-    methods = _checked_methods(options.get("method", "wigner"))
+    given = options.get("method", "wigner")
+    methods = [
+        checked_choice(name, "method", ("wigner", *METHODS))
+        for name in (given if isinstance(given, list | tuple) else [given])
+    ]
     quantity = checked_choice(options.get("quantity", "irradiance"), "quantity", list(_QUANTITIES))
     number = checked_choice(options.get("dtype", dtype), "dtype", ("float32", "float64"))
     number_type = np.result_type(number, *([np.complex64] if quantity == "amplitude" else []))
@@ -185,12 +189,6 @@ def _checked_settings(options: FieldOptions, quantity: str) -> dict[str, Any]:
     if "obstacles" in settings:
         settings["obstacles"] = listed_bodies(settings["obstacles"])
     return settings
-
-
-def _checked_methods(method: Any) -> tuple[str, ...]:
-    """Return one or more method names as a tuple; raise ArgumentError for unknown names."""
-    methods = method if isinstance(method, (list, tuple)) else (method,)
-    return tuple(checked_choice(name, "method", ("wigner", *METHODS)) for name in methods)
 
 
 def _positions(grid: Grid) -> dict[str, Any]:

@@ -486,12 +486,10 @@ def load(path: str | os.PathLike[str]) -> xarray.Dataset:
     if len(content) < _HEADER.itemsize:
         raise wrong(f"a file of {len(content)} bytes")
     header = np.frombuffer(content, _HEADER, 1)[0]
-    if header["Identifier"] not in _IDENTIFIERS:
-        raise wrong(f"the identifier {header['Identifier']}")
     columns = _NUMBERS.get(int(header["ray_format_type"]))
     unit, count = int(header["DimensionUnits"]), int(header["NbrRays"])
-    if columns is None or not 0 <= unit < len(_METRES):
-        raise wrong(f"ray format {header['ray_format_type']} with unit of length {unit}")
+    if header["Identifier"] not in _IDENTIFIERS or columns is None or not 0 <= unit < len(_METRES):
+        raise wrong("another identifier, ray format or unit of length")
     if header["flux_type"] != 0:
         raise wrong("powers in lumens, not in watts")
     size = len(content) - _HEADER.itemsize

@@ -194,7 +194,6 @@ def thinned(positions: ArrayLike, fill: float, seed: int, taper: ArrayLike | Non
     M. I. Skolnik, J. W. Sherman, F. C. Ogg, IEEE Trans. Antennas Propag. 12 (1964) 408-417.
     """
     layout = checked_positions(positions, (1, 2, 3))
-    fraction = checked_number(fill, "fill", "a fraction above 0 and up to 1")
     expected = f"expected a taper of {len(layout)} real weights of zero or more"
     density = np.ones(len(layout))
     if taper is not None:
@@ -202,11 +201,8 @@ def thinned(positions: ArrayLike, fill: float, seed: int, taper: ArrayLike | Non
     if not (density >= 0).all() or not density.any():
         raise ArgumentError(f"{expected}, got {value_text(taper)}")
     most = float(density.mean() / density.max())
-    if not 0 < fraction <= most:
-        raise ArgumentError(
-            f"expected fill above 0 and up to {most:.6g}, the mean of the taper divided by "
-            f"its peak, got {value_text(fill)}"
-        )
+    meaning = f"above 0 and up to {most:.6g}, the mean of the taper divided by its peak"
+    fraction = checked_number(fill, "fill", meaning, lambda x: 0 < x <= most)
     random = np.random.default_rng(checked_count(seed, "seed", 0))
     is_drawn = random.random(len(layout)) < density * (fraction / density.mean())
     return layout[is_drawn]

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import FileFormatError, PolywignerError
+from polywigner.geometry.arguments import check_most
 
 # Largest sizes of outline and scene files [bytes]; a million vertices take about 40 MB as text.
 LARGEST_FILE = 64 * 2**20
@@ -29,11 +30,9 @@ LARGEST_NUMBER = 1e100
 
 def check_bytes(size: int, largest: int, kind: str = "") -> None:
     """Raise FileFormatError for a file of more than `largest` bytes."""
-    if size > largest:
-        raise FileFormatError(
-            f"expected a file of at most {largest >> 20} MiB{kind and f' of {kind}'}, got "
-            f"{size / 2**20:.0f} MiB; simplify the content, or save only a part of it"
-        )
+    things = f"MiB{kind and f' of {kind}'}"
+    remedy = "simplify the content, or save only a part of it"
+    check_most(size / 2**20, largest / 2**20, things, remedy, FileFormatError)
 
 
 def check_coordinates(points: NDArray[Any]) -> None:

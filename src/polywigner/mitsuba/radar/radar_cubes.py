@@ -32,7 +32,6 @@ from polywigner.numerics import Complex, Floats
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radar import CUBE_DIMS, FMCW, parse_waveform, waveform_attrs
 from polywigner.source import Array
-from polywigner.transforms.xarray_arguments import labelled_array
 
 if TYPE_CHECKING:
     import xarray
@@ -584,4 +583,4 @@ def _dataset(signal: Any, radar: _Radar, about: dict[str, Any]) -> xarray.Datase
     attrs = {**waveform_attrs(radar.waveform), "period": radar.period, **about}
     about_signal = {"units": "sqrt(W)", "long_name": "samples; |.|^2 is power"}
     dataset = described(values, coords, attrs)
-    return dataset.assign(signal=labelled_array(signal, CUBE_DIMS, about_signal))
+    return dataset.assign(signal=(CUBE_DIMS, signal, about_signal))

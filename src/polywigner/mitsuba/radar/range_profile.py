@@ -42,7 +42,6 @@ from polywigner.mitsuba.scenes.rendering import exposed
 from polywigner.mitsuba.scenes.surfaces import is_receiver, receivers_of, wigner_emitters
 from polywigner.numerics import Floats
 from polywigner.quantities import SPEED_OF_LIGHT
-from polywigner.transforms.xarray_arguments import labelled_array
 
 if TYPE_CHECKING:
     import xarray
@@ -196,14 +195,14 @@ def _profile_of(scene: Any, result: Received, edges: Floats) -> xarray.Dataset:
     direct = np.array([[_direct_power_by_range(paths, edges) for paths in row] for row in lights])
     values = _power_variables(by_light, direct) | _noise_variables(powers)
     labels, paths = _paths_of(lights)
-    coords = {**range_axes(edges), "emitter": labelled_array(np.array(names), ("emitter",))}
+    coords = {**range_axes(edges), "emitter": names}
     receivers = [receiver.name for receiver in placed]
     values |= paths
     if is_single := len(receivers) == 1:
         values = {name: (array[0], *rest) for name, (array, *rest) in values.items()}
     else:
         values = {n: (a, ("receiver", *dims), *rest) for n, (a, dims, *rest) in values.items()}
-        coords["receiver"] = labelled_array(np.array(receivers), ("receiver",))
+        coords["receiver"] = receivers
     meaning = "light, then mirrors in the order of reflection; no mirrors: line of sight"
     about = {
         "receiver": receivers[0] if is_single else "several",
@@ -296,12 +295,12 @@ def _paths_of(links: list[list[tuple[DirectPath, ...]]]) -> tuple[npt.NDArray[np
     }
 
 
-def range_axes(edges: Floats) -> dict[str, xarray.Variable]:
+def range_axes(edges: Floats) -> dict[str, Any]:
     """Return the centres and the edges of range bins in m as coordinates of a dataset."""
     length = {"units": "m", "long_name": "range, half the length of the path"}
     return {
-        "range": labelled_array((edges[1:] + edges[:-1]) / 2, ("range",), length),
-        "range_edge": labelled_array(edges, ("range_edge",), {**length, "long_name": "bin edges"}),
+        "range": ("range", (edges[1:] + edges[:-1]) / 2, length),
+        "range_edge": ("range_edge", edges, {**length, "long_name": "bin edges"}),
     }
 
 

@@ -38,7 +38,6 @@ from polywigner.mitsuba.scenes.surfaces import (
 from polywigner.numerics import Floats
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.source import Array
-from polywigner.transforms.xarray_arguments import labelled_array
 
 if TYPE_CHECKING:
     import xarray
@@ -377,8 +376,7 @@ def _dataset_of(
     }
     if motion is not None:
         values["path_rate"] = (unit * events.rate, along, "m/s", "growth of the path per second")
-    axes = {"axis": labelled_array(np.array(["x", "y", "z"]), ("axis",))}
-    return described(values, axes, about)
+    return described(values, {"axis": ["x", "y", "z"]}, about)
 
 
 def _ids(names: dict[int, str], numbers: NDArray[np.int64]) -> NDArray[np.str_]:

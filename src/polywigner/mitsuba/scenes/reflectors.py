@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import mitsuba as mi
 import numpy as np
 
-from polywigner.errors import ArgumentError, SceneError, at_key
-from polywigner.geometry.arguments import check_most, checked_count
+from polywigner.errors import SceneError, at_key
+from polywigner.geometry.arguments import check_most, checked_count, checked_type
 from polywigner.geometry.shapes import square
 from polywigner.mitsuba.scenes.surfaces import faces_of, sorted_shapes, vertices_of
 from polywigner.numerics import Complex, Floats
@@ -374,11 +374,8 @@ def checked_bodies(bodies: Any) -> tuple[Body, ...]:
     """Convert the argument ``bodies`` of :func:`polywigner.mitsuba.channel` to bodies."""
     if bodies is None:
         return ()
-    if not isinstance(bodies, Mapping) or not all(isinstance(name, str) for name in bodies):
-        raise ArgumentError(
-            "expected bodies to be a dict whose values are bodies that pw.rcs accepts, or pairs of "
-            f"a body and a number of reflections, got {bodies!r:.100}"
-        )
+    expected = "bodies to be a dict of bodies, or pairs of a body and a number of reflections"
+    checked_type(bodies, expected, Mapping)
     return tuple(_body(name, value) for name, value in bodies.items())
 
 
