@@ -307,7 +307,7 @@ def test_a_pattern_is_a_table_of_sections(body: Any, bounces: int) -> None:
         ((BOX, (0, 0, math.nan), 0.1), "unit vectors"),
         ((BOX, (0, 0, 1), -0.1), "wavelengths to be numbers above zero"),
         ((BOX, (0, 0, 1), "10 mm"), "wavelengths to be numbers"),
-        ((BOX, np.eye(3), [0.1, 0.2]), "must broadcast"),
+        ((BOX, np.eye(3), [0.1, 0.2]), "broadcast against"),
         ((BOX, (0, 0, 1), 0.1, None, "vx"), "expected polarisation"),
         ((BOX, (0, 0, 1), 0.1, None, 3), "expected polarisation"),
         ((BOX, (0, 0, 1), 0.1, None, ((1, 0, 0), (0, 0, 1))), "90 degrees"),

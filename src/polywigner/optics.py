@@ -9,7 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, value_text
-from polywigner.geometry.arguments import Immutable, checked_number, checked_vectors, finite_array
+from polywigner.geometry.arguments import (
+    Immutable,
+    broadcast_shape,
+    checked_number,
+    checked_vectors,
+    finite_array,
+)
 from polywigner.geometry.illumination import turned_points
 
 Matrix = NDArray[np.float64]
@@ -354,12 +360,8 @@ class FirstOrder(Immutable):
             checked_vectors(x, "expected x of shape (..., 2)", (2,)),
             checked_vectors(s, "expected s of shape (..., 2)", (2,)),
         )
-        try:
-            rays = np.concatenate(np.broadcast_arrays(*both), axis=-1) @ self.matrix.T
-        except ValueError as error:
-            raise ArgumentError(
-                f"expected x and s with shapes that broadcast against each other: {error}"
-            ) from None
+        shape = broadcast_shape(*(part.shape for part in both))
+        rays = np.concatenate([np.broadcast_to(a, shape) for a in both], axis=-1) @ self.matrix.T
         return rays[..., :2], rays[..., 2:]
 
     def __matmul__(self, other: FirstOrder) -> FirstOrder:

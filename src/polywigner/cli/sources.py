@@ -137,7 +137,7 @@ class SourceOptions(ReadingOptions, WaveOptions):
 
         The wavelength is None if neither specifies one.
         """
-        from polywigner.figures import outline_of
+        from polywigner.geometry.arguments import warn_of_wavelength
         from polywigner.source.source_files import read_content
         from polywigner.source.source_tables import SOURCE_TEXTS, apply_texts
 
@@ -155,7 +155,7 @@ class SourceOptions(ReadingOptions, WaveOptions):
         options = {name: text for name, text in texts.items() if text is not None}
         source = apply_texts(source, options, wavelength)
         if wavelength is not None:
-            check_wavelength(wavelength, outline_of(source).diameter)
+            warn_of_wavelength(source, wavelength)
         return source, wavelength
 
     def _warn_of_design_wavelength(self, wavelength: float, designed: float) -> None:
@@ -180,15 +180,6 @@ class SourceOptions(ReadingOptions, WaveOptions):
         """Return the source and its wavelength in metres; raise ArgumentError without one."""
         source, wavelength = self.read()
         return source, required_wavelength(wavelength)
-
-
-def check_wavelength(wavelength: float, diameter: float) -> None:
-    """Warn if a wavelength is implausible for a diameter (both in m)."""
-    from polywigner.geometry.arguments import doubt_of_wavelength
-
-    doubt = doubt_of_wavelength(wavelength, diameter)
-    if doubt:
-        warnings.warn(f"implausible wavelength: {doubt}", RuntimeWarning, stacklevel=2)
 
 
 def field_title(path: str, wavelength: float) -> str:

@@ -20,7 +20,7 @@ from polywigner.errors import ArgumentError
 from polywigner.execution.chunks import array_of
 from polywigner.execution.drjit_operations import DrjitOperations
 from polywigner.execution.operations import Drjit, Numbers
-from polywigner.geometry.arguments import real_numbers
+from polywigner.geometry.arguments import broadcast_shape, real_numbers
 from polywigner.numerics.chirps import waves_of_cycles
 from polywigner.numerics.phases import cos_sin_cycles
 
@@ -210,13 +210,7 @@ def _from_tensors(points: Points, float_type: type) -> tuple[dict[str, Drjit], t
             raise ArgumentError(
                 f"expected {name} with 1 to 3 components on its last axis, got shape {shapes[name]}"
             )
-    try:
-        shape = np.broadcast_shapes(*(full[:-1] for full in shapes.values()))
-    except ValueError:
-        raise ArgumentError(
-            "expected points with shapes that broadcast against each other, got "
-            f"{list(shapes.values())}"
-        ) from None
+    shape = broadcast_shape(*(full[:-1] for full in shapes.values()))
     arrays = {}
     for name, (*before, dimension) in shapes.items():
         kind: Any = float_type if dimension == 1 else sibling(float_type, f"Array{dimension}f")

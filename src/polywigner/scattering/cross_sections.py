@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from polywigner.errors import ArgumentError
 from polywigner.execution.progress import progress_bar
 from polywigner.geometry.arguments import (
+    broadcast_shape,
     checked_choice,
     checked_count,
     checked_flag,
@@ -30,7 +31,6 @@ from polywigner.scattering.near_fields import (
     Channel,
     Polarisation,
     Source,
-    broadcast_shape,
     checked_polarisations,
     checked_unit_vectors,
     near_sections,

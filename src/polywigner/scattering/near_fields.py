@@ -19,6 +19,7 @@ from shapely.errors import GEOSException
 from polywigner.errors import ArgumentError, GeometryError, value_text
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import (
+    broadcast_shape,
     check_most,
     checked_choice,
     real_array,
@@ -61,17 +62,6 @@ def checked_unit_vectors(name: str, vectors: Any, *shape: Any) -> Floats:
     """Return unit vectors (..., 3), or one of ``shape`` (3,), with their length corrected to 1."""
     array = unit_vectors_as_given(name, vectors, *shape)
     return np.asarray(array / np.linalg.norm(array, axis=-1, keepdims=True))
-
-
-def broadcast_shape(*shapes: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the common shape of array arguments; raise ArgumentError if there is none."""
-    try:
-        return np.broadcast_shapes(*shapes)
-    except ValueError:
-        raise ArgumentError(
-            "wavelengths, directions and polarisations must broadcast against each other, got "
-            f"shapes {', '.join(map(str, shapes))}; add axes of length 1"
-        ) from None
 
 
 def checked_polarisations(
