@@ -6,6 +6,7 @@ Tests that a machine cannot run are skipped, counted, and listed at the end of t
 from __future__ import annotations
 
 import gc
+import os
 import signal
 import sys
 from collections import Counter
@@ -18,6 +19,10 @@ import pytest
 from hypothesis import settings
 
 from polywigner import llvm as _llvm
+
+# Workers occupy all cores. Further threads of OpenBLAS and Dr.Jit wait actively and slow them down.
+# The variable must be set before NumPy is imported.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # Before test modules are imported, because Dr.Jit loads its LLVM library once.
 STATUS = _llvm.prepare()
@@ -62,8 +67,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     items.sort(key=order)
 
 
-def pytest_collection_finish() -> None:
+def pytest_collection_finish(session: pytest.Session) -> None:
     """Exclude modules and tests from later garbage collections, which visit all objects."""
+    if hasattr(session.config, "workerinput") and STATUS.usable:
+        import drjit
+
+        drjit.set_thread_count(1)
     gc.collect()
     gc.freeze()
 

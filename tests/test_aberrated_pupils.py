@@ -185,6 +185,11 @@ def test_the_rms_over_a_disc_is_the_root_of_the_sum_of_squares():
     assert result == pytest.approx(5e-8, rel=1e-7)
 
 
+def test_the_rms_of_a_curved_wave_is_refused_because_its_curvature_is_a_phase():
+    with pytest.raises(ArgumentError, match="got a Wavefront; pass its path"):
+        pw.wavefront_error(pw.Wavefront(SQUARE, curvature=np.eye(2)))
+
+
 @pytest.mark.parametrize("method", ["fresnel", "fraunhofer"])
 def test_fields_of_aberrated_sources(method):
     source = pw.Array([HEXAGON.moved((6e-3, 1e-3)), SQUARE.moved((-6e-3, 0.0))], [1.0, 0.5j])

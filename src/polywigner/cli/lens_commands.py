@@ -158,7 +158,7 @@ def mtf(
     """Compute the modulation transfer function of a lens with a pupil, along x and y.
 
     Writes a figure NAME_mtf.png and a table NAME_mtf.csv in cycles/mm, up to the cutoff of the
-    shortest wavelength. In the figure the pupil without aberrations is dashed, and frequencies of
+    shortest wavelength. In the figure, the MTF without aberrations is dashed, and frequencies of
     reversed contrast are marked.
     """
     options.check()

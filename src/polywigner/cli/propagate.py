@@ -60,7 +60,7 @@ class FieldOptions(FieldSourceOptions):
         None
     )
     against: Annotated[Text, "Reference method (default: the last exact method)."] = None
-    accuracy: Annotated[float | None, "Relative error, such as 1e-3 (default: by method)."] = None
+    accuracy: Annotated[float | None, "Relative error: 1e-3 (default: depends on method)."] = None
     bandwidth: Annotated[Text, "Flat frequency band to average over, such as '4 GHz'."] = None
     edge: Annotated[Text, "Edges of obstacles: black, soft or hard (default: black)."] = None
     engine: Annotated[str, "auto, numpy, llvm or cuda."] = "auto"
@@ -106,7 +106,7 @@ def propagate(
     arc: Annotated[Text, "Distance, azimuth and largest angle: '50 mm, 45 deg, 80 deg'."] = None,
     plane: Annotated[Text, "Two ranges, one value: '-3 mm to 3 mm, -3 mm to 3 mm, 9 mm'."] = None,
     hemisphere: Annotated[Text, "Radius of a hemisphere, such as '50 mm'."] = None,
-    samples: Annotated[Text, "'201' on lines and arcs, else '101 x 81' (default: enough)."] = None,
+    samples: Annotated[Text, "Samples: '201', on surfaces '101 x 81' (default: automatic)."] = None,
     field: FieldOptions,
     amplitude: Annotated[bool, "Complex fields with phases; not for wigner."] = False,
     floor_db: Annotated[
@@ -195,9 +195,9 @@ def volume(
 ) -> None:
     """Compute the irradiance of a source in a box, chunk by chunk, and draw it.
 
-    Writes NAME.zarr and a figure NAME.png, and with --netcdf the values also as NAME.nc. The same
-    command continues an interrupted run. The files of several methods are named NAME-METHOD.zarr
-    and so on.
+    Writes NAME.zarr and a figure NAME.png. With --netcdf, also writes the values as NAME.nc. The
+    same command continues an interrupted run. With several methods, the files of each method are
+    named NAME-METHOD.zarr and so on.
     """
     field.check()
     with at_key("--box"):

@@ -47,7 +47,7 @@ def rcs(
     body: Annotated[str, typer.Argument(help="Mesh of a body, or aperture file of a plate.")],
     wave: WaveOptions,
     polarisation: Annotated[Text, "vv, hh, vh or hv, receiver first (default: total)."] = None,
-    step: Annotated[Text, "Step of the map: '2 deg' (default: 1 to 10 deg by time)."] = None,
+    step: Annotated[Text, "Step of the map: '2 deg' (default: 1 to 10 deg)."] = None,
     bounces: Annotated[
         int, typer.Option(min=1, max=3, help="Number of reflections (corner reflectors: 3).")
     ] = 1,

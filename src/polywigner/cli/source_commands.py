@@ -32,7 +32,7 @@ _MOST_BY_DEFAULT = 513
 def transform(
     source: SourceOptions,
     x: Annotated[Text, "Position of the Wigner slice: '0 mm,2 mm' (default: centre)."] = None,
-    xi: Annotated[Text, "Lag of the ambiguity slice: '2 mm,0 mm' (default: by size)."] = None,
+    xi: Annotated[Text, "Lag of the ambiguity slice: '2 mm,0 mm' (default: automatic)."] = None,
     samples: Annotated[
         int | None,
         typer.Option(min=2, max=4096, help="Samples along an axis (default: 257 to 513)."),
@@ -131,7 +131,7 @@ def pattern(
     efficiency: Annotated[float, "Ratio of radiated to accepted power, up to 1."] = 1.0,
     polarisation: Annotated[Text, "x, y, right, left or '45 deg' (default: the file's)."] = None,
     method: Annotated[Text, "Currents: huygens (default), magnetic or electric."] = None,
-    step: Annotated[Text, "Step of the angles: '0.5 deg' (default: by the lobes)."] = None,
+    step: Annotated[Text, "Step of the angles: '0.5 deg' (default: automatic)."] = None,
     element: Annotated[Text, "Far-field file of each element (.csv .txt .ffd .ffe .cut)."] = None,
     source: SourceOptions,
     floor_db: DbFloor = -40.0,

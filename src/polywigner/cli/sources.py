@@ -66,7 +66,7 @@ class ReadingOptions:
     """Options for reading aperture files."""
 
     unit: Annotated[Text, "Unit of files that specify none (default: mm)."] = None
-    tolerance: Annotated[Text, "Distance of chords from curves: '1 um' (default: by size)."] = None
+    tolerance: Annotated[Text, "Chord-to-curve distance: '1 um' (default: diagonal/2000)."] = None
     layer: Annotated[Texts, "Layer of a drawing to read (repeatable; default: all)."] = None
     union: Annotated[bool, "Join shapes of an aperture file that overlap."] = False
 

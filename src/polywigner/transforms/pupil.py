@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner import execution, kernels
 from polywigner.errors import ArgumentError, IlluminationError, value_text
 from polywigner.execution import Differentiable, Engine, Precision
-from polywigner.geometry import Aperture, Slits
+from polywigner.geometry import Aperture, Slits, Wavefront
 from polywigner.geometry.arguments import (
     checked_length,
     checked_number,
@@ -471,7 +471,7 @@ def wavefront_error(source: Aperture | Array, aberration: Aberration | None = No
     Raises
     ------
     ArgumentError
-        For arguments of the wrong type.
+        For arguments of the wrong type, such as a Wavefront.
     IlluminationError
         If the fields of an Array cancel everywhere.
 
@@ -484,6 +484,10 @@ def wavefront_error(source: Aperture | Array, aberration: Aberration | None = No
     10.0
     """
     checked_aberration(aberration, 1.0)
+    if isinstance(source, Wavefront):
+        raise ArgumentError(
+            "expected an Aperture or an Array, got a Wavefront; pass its path as an aberration"
+        )
     checked_energy(source)
     pupil = AberratedPupil.of(source, aberration, 1.0, 0.0)
     paths = normal_form(source).paths
