@@ -141,7 +141,6 @@ BAD: dict[str, str] = {
         --obstacle "square.wkt at 0 mm, 0 mm, 9 mm" --method wigner => obstacles | 'wigner'
         --obstacle "square.wkt at 0 mm, 0 mm, 9 mm" --bandwidth "1 GHz" => cannot be combined
         --obstacle "square.wkt at 0 mm, 0 mm, 9 mm" --obstacle-unit ell => ell
-        --obstacle-unit mm => --obstacle-unit | requires --obstacle
     """,
     'propagate square.wkt --frequency "94 GHz"': """
          => --line | --hemisphere | got none
@@ -179,7 +178,6 @@ BAD: dict[str, str] = {
         --frequency "3 GHz" --format zip => --format
         --frequency "3 GHz" --step "30 deg" --polarisation rr => polarisation
         --frequency "3 GHz" --bounces 4 => bounces
-        --frequency "3 GHz" --open-mesh => --open-mesh requires a mesh
         --frequency "3 GHz" --cut-step "0 deg" => at least 0.001 deg
         --frequency "3 GHz" --smooth wide => angle
     """,

@@ -98,10 +98,6 @@ class ReadingOptions:
         import polywigner as pw
 
         if Path(path).suffix.lower() not in _MESHES:
-            if as_plates:
-                raise ArgumentError(
-                    "--open-mesh requires a mesh (STL, PLY, OBJ), got a drawing; omit --open-mesh"
-                )
             return self.read_file(path)
         self.check_unused(("tolerance", "layer", "union"), "a mesh, only to drawings; omit it")
         unit = self.unit or "mm"
@@ -239,10 +235,6 @@ class FieldSourceOptions(SourceOptions):
             ReadingOptions().check_file(_parse_obstacle(text)[0])
         if self.obstacle_unit is not None:
             parse_unit(self.obstacle_unit)
-            if not self.obstacle:
-                raise ArgumentError(
-                    "--obstacle-unit requires --obstacle; add --obstacle, or omit --obstacle-unit"
-                )
 
     def read_obstacles(self) -> list[Polyhedron | PlacedAperture]:
         """Return all obstacles at their specified positions."""
