@@ -91,6 +91,7 @@ BAD: dict[str, str] = {
         {long} => file
     """,
     "transform square.wkt": """
+        --out "" => --out must be a file name
         --unit parsec => unit | parsec | mm
         --unit "-1 mm" => unit | -1 mm
         --tolerance coarse => length | coarse
