@@ -20,7 +20,7 @@ from polywigner.errors import ArgumentError
 from polywigner.execution.chunks import array_of
 from polywigner.execution.drjit_operations import DrjitOperations
 from polywigner.execution.operations import Drjit, Numbers, is_drjit
-from polywigner.geometry.arguments import real_numbers
+from polywigner.geometry.arguments import broadcast_shape, real_numbers
 from polywigner.numerics.chirps import waves_of_cycles
 from polywigner.numerics.phases import cos_sin_cycles
 
@@ -170,11 +170,6 @@ def _component_array(name: str, value: Any, float_type: type) -> Drjit:
         return joined([array_of(float_type, column) for column in np.atleast_2d(array).T])
     if drjit.depth_v(value) == 1:
         return value
-    if drjit.depth_v(value) != 2 or not 0 < len(value) < 4:
-        raise ArgumentError(
-            f"expected {name} to be an array with 1 to 3 components on its first axis, got "
-            f"{type(value).__name__}"
-        )
     return joined([value[k] for k in range(len(value))])
 
 
@@ -203,13 +198,7 @@ def _from_tensors(points: Points, float_type: type) -> tuple[dict[str, Drjit], t
             raise ArgumentError(
                 f"expected {name} with 1 to 3 components on its last axis, got shape {shapes[name]}"
             )
-    try:
-        shape = np.broadcast_shapes(*(full[:-1] for full in shapes.values()))
-    except ValueError:
-        raise ArgumentError(
-            "expected points with shapes that broadcast against each other, got "
-            f"{list(shapes.values())}"
-        ) from None
+    shape = broadcast_shape(*(full[:-1] for full in shapes.values()))
     arrays = {}
     for name, (*before, dimension) in shapes.items():
         kind: Any = float_type if dimension == 1 else sibling(float_type, f"Array{dimension}f")
