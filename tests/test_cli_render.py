@@ -57,8 +57,11 @@ def rendered(path, *options):
     assert main(["render", str(path), "--out", str(out), *options]) == 0
     import mitsuba as mi  # after the command, which selects the LLVM library
 
+    from polywigner.mitsuba.plugins.films import threads_for_openexr
+
     assert out.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
-    bitmap = mi.Bitmap(str(out.with_suffix(".exr")))
+    with threads_for_openexr():
+        bitmap = mi.Bitmap(str(out.with_suffix(".exr")))
     assert bitmap.component_format() == mi.Struct.Type.Float32
     image = np.array(bitmap)
     return image.reshape(*image.shape[:2], -1), json.loads(out.with_suffix(".json").read_text())
