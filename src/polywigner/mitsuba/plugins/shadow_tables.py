@@ -275,7 +275,7 @@ def _positions_along(ends: Floats, side: int) -> Floats:
 
 
 def _hulls(ends: Floats, labels: Indices) -> Floats:
-    """For each edge (m, 2, 3), return the ends (m, 6) of the union of all edges with its label."""
+    """For each edge (m, 2, 3), return the ends (m, 6) of the union of all edges with this label."""
     _, label = np.unique(labels, axis=0, return_inverse=True)
     label = label.ravel()
     corners = []
@@ -337,10 +337,10 @@ def _places(nodes: SourceNodes, reach: float, edge: Floats) -> Floats:
 
 
 def _pyramids(corners: Floats) -> Floats:
-    """Return side normals and heights (t, 10) of pyramids from bases (t, 3, 3) to the origin.
+    """Return side normals and heights (t, 10) of pyramids with the bases (t, 3, 3).
 
-    The three normals are divided by twice the area of the base. The height is positive if the
-    base's normal points away from the origin.
+    The apex of each pyramid is the origin. The three normals are divided by twice the area of the
+    base. The height is positive if the base's normal points away from the origin.
     """
     a, b, c = np.moveaxis(corners, 1, 0)
     sides = [np.cross(b, c), np.cross(c, a), np.cross(a, b)]

@@ -289,7 +289,7 @@ class _SceneValues:
                 )
 
     def choice(self, kind: str, known: Iterable[str], default: str | None = None) -> str:
-        """Return a parameter that is one of ``known``, by default ``default`` or the first of them.
+        """Return a parameter that is one of ``known``, by default ``default`` or the first value.
 
         ``kind`` names the parameter, as in "an estimator".
         """

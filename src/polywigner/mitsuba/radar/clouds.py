@@ -138,10 +138,10 @@ def covariance(
 def _responses(
     positions: Floats, sources: Sequence[Any], to_world: Any, attrs: dict[str, Any]
 ) -> Complex:
-    """Return the complex responses in m to scatterers at ``positions`` (n, 3), shape (sources, n).
+    """Return the complex responses of sources to scatterers in m, shape (sources, n).
 
-    Positions are in the scene, in m. ``to_world`` is the pose of the sources, by default the pose
-    in ``attrs``.
+    The scatterers are at ``positions`` (n, 3) in the scene, in m. ``to_world`` is the pose of the
+    sources, by default the pose in ``attrs``.
     """
     pose = rigid_pose(np.reshape(attrs["to_world"], (4, 4)) if to_world is None else to_world)
     local = (positions - pose[:3, 3]) @ pose[:3, :3]
@@ -159,9 +159,10 @@ def _responses(
 
 
 def end_responses(cloud: Any, ends: Sequence[PlacedSource]) -> Complex:
-    """Return the complex responses (ends, scatterers) of sources and receivers in m.
+    """Return the complex responses of sources and receivers to scatterers in m.
 
-    Each of the ``ends`` has its own pose, wavelength, obliquity and norm.
+    The shape is (ends, scatterers). Each of the ``ends`` has its own pose, wavelength, obliquity
+    and norm.
     """
     positions, _, attrs = _contents_of(cloud)
     rows = []

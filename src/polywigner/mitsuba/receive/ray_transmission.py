@@ -25,7 +25,7 @@ from polywigner.mitsuba.scenes.reflectors import MASK, THIN, Surface, bsdfs_in
 from polywigner.mitsuba.scenes.surfaces import ShapeExtents, children_of
 from polywigner.numerics import Floats
 
-# Largest number of null surfaces per path; longer paths count as blocked.
+# Largest number of null surfaces per path. Paths through more surfaces count as blocked.
 _MOST_PASSED = 64
 # Number of samples of the fog density between two surfaces.
 _FOG_SAMPLES = 32

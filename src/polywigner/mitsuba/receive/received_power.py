@@ -380,8 +380,8 @@ def _result(
     )
 
 
-# Number of pixels per side of an arrival map, and number of samples per pixel, for compiled and for
-# scalar variants.
+# Number of pixels per side of an arrival map, and number of samples per pixel: first for compiled
+# variants, then for scalar variants.
 _FINE, _COARSE = (64, 64), (24, 4)
 
 

@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 MOST_FACES = 32
 # Largest number of mirror sequences; each sequence takes a few milliseconds.
 _MOST_CHAINS = 5000
-# Largest difference between the normals, and between the offsets relative to the coordinates, of
-# planes that count as equal.
+# Largest difference between the normals of planes that count as equal, and largest difference
+# between their offsets, relative to the coordinates.
 _FLAT = 1e-5
 # Components of a normal below this value are treated as rounding errors. A tilt by this angle
 # shifts an image at 100 m by 10 um, which is about a radian of phase at terahertz frequencies.
@@ -311,7 +311,7 @@ class Body:
         return replace(like, source=square(self.facets.size / 2), pose=pose)
 
     def antenna(self, image: PlacedSource, wavelength: float) -> Antenna:
-        """Return the mirror image of an end as an antenna in the frame of the body's centre."""
+        """Return the ``image`` of an end as an antenna, in a frame at the centre of the body."""
         pose: Floats = np.asarray(np.linalg.inv(image.pose), np.float64)
         pose[:3, 3] += pose[:3, :3] @ self.facets.centre
         condition: Any = image.obliquity
