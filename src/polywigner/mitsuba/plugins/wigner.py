@@ -312,7 +312,7 @@ class TracedSource:
         values = np.array(dr.detach(flat), np.float32)
         if values.size != 2 * count or not np.isfinite(values).all():
             raise SceneError(
-                f"expected {name} to be {2 * count} finite numbers, two for each of {count} entries, "
+                f"expected {name} to be {2 * count} finite numbers, two for each of {count} items, "
                 f"got {values.size} numbers"
             )
         return values.reshape(-1, 2)
