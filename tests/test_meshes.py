@@ -275,7 +275,7 @@ APART = ((20, 0, 0), (22, 3, 4))
 
 @pytest.mark.parametrize("turned", list(itertools.product([False, True], repeat=4)))
 def test_each_closed_surface_is_oriented_by_what_lies_around_it(written, turned) -> None:
-    """A box with a cavity that contains another box, and a separate box, each inside out or not."""
+    """A box with a cavity, a box in the cavity and a separate box are each tested inside out."""
     boxes = [box(*ends, t) for ends, t in zip((OUTER, INNER, CORE, APART), turned, strict=True)]
     body = pw.read_polyhedron(written("a.stl", stl(np.concatenate(boxes))))
     assert body.volume == pytest.approx((729 - 125 + 9 + 24) * 1e-9, rel=ROUNDING, abs=0.0)

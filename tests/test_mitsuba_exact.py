@@ -94,7 +94,8 @@ def floor_points(height, count=200):
     return points
 
 
-# Heights below, at and above the smallest distance at which equivalent sources are used.
+# Heights below, just above and far above the smallest distance at which equivalent sources are
+# used.
 HEIGHTS = (0.2 * WAVELENGTH, 2 * WAVELENGTH, 3.01 * WAVELENGTH, 0.05, 0.3, 5.0)
 
 

@@ -96,7 +96,7 @@ def test_a_steered_receiver_weighs_the_side_that_it_points_to(axis):
 
 
 def test_the_reference_is_the_radar_equation_far_away():
-    """Cross sections 4 rho A cos^2 of a Lambertian plate, and 8/3 pi a^2 rho of a sphere."""
+    """The cross section is 4 rho A cos^2 of a Lambertian plate, or 8/3 pi a^2 rho of a sphere."""
     use("scalar_rgb")
     import receive_scene
 

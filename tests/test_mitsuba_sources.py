@@ -158,7 +158,7 @@ def test_another_wavelength_turns_the_waves_whose_obliquity_counts():
 
 
 def test_scalar_variants_draw_waves_of_the_right_spread():
-    """Tilts of standard deviation 1/(2 pi width), and frequencies of the band."""
+    """Tilts have the standard deviation 1/(2 pi width), and frequencies are in the band."""
     mi = use("scalar_rgb")
 
     waves = DrawnWaves(mi, Mixture(8e-3, 20e9))
