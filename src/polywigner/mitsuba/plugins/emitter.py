@@ -271,10 +271,10 @@ class WignerEmitter(VariantPlugin):
     def _density(self, cosine: Drjit, distance: Drjit) -> Drjit:
         """Return the probability density of samples per solid angle.
 
-        ``cosine`` is the cosine of the angle at the source. The density is practically infinite for
-        sources that rays cannot hit, and for the estimator ``exact``. The flag ``delta`` is not
-        used, because it makes the image of Mitsuba's ``direct`` too bright with several emitter
-        samples.
+        ``cosine`` is the cosine of the angle at the source. A very large density represents the
+        infinite density of sources that rays cannot hit, and of the estimator ``exact``. The flag
+        ``delta`` is not used, because it makes the image of Mitsuba's ``direct`` too bright with
+        several emitter samples.
         """
         front = cosine > 0.0
         density = self.m.Float(_INFINITE_DENSITY)

@@ -256,7 +256,7 @@ def accepted_samples(sampler: mi.Sampler, count: int) -> int:
 
 
 def checked_finite(values: npt.NDArray[Any], name: str) -> npt.NDArray[np.float64]:
-    """Return results of a render; raise SceneError unless all are finite."""
+    """Return the results of a render; raise SceneError unless all results are finite."""
     bad = int(np.count_nonzero(~np.isfinite(values)))
     if bad:
         raise SceneError(

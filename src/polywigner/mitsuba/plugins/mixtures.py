@@ -60,7 +60,7 @@ def emissions(
     return terms
 
 
-# Relative tolerance of the power of partially coherent and broadband sources; the measured error is
+# Relative tolerance of the power of partially coherent and broadband sources. The measured error is
 # at most 2e-5.
 _POWER_ERROR = 1e-5
 # Largest spatial lag in the power integral [wavelengths].

@@ -99,8 +99,8 @@ def direction_of(m: Any, angles: mi.Point2f) -> mi.Vector3f:
 def angles_in_pixel(m: Any, point: mi.Point2f, size: tuple[int, int]) -> tuple[mi.Point2f, Drjit]:
     """Map a film position in pixels to angles (alpha, psi) and the solid angle of its pixel.
 
-    ``size`` is the number of columns and rows. Points that are uniform within a pixel become angles
-    that are uniform in solid angle.
+    ``size`` is the number of columns and rows. Uniformly distributed points within a pixel are
+    mapped to angles that are uniformly distributed in solid angle.
     """
     width, height = size
     alpha = point.x * (2.0 / width) - 1.0
@@ -308,9 +308,9 @@ def _check_film(values: dict[str, Any]) -> None:
     name = films[0].rfilter().class_name()
     if name != "BoxFilter":
         raise SceneError(
-            f"the film of the wigner_receiver sensor must have a box filter, got {name}; give the "
-            'film <rfilter type="box"/>, because other filters distribute a sample to several '
-            "pixels"
+            f"the film of the wigner_receiver sensor must have a box filter, got {name}; add "
+            '<rfilter type="box"/> to the film, because other filters distribute a sample to '
+            "several pixels"
         )
 
 

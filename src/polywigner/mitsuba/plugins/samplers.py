@@ -124,8 +124,8 @@ def directions_of(
     """Return a sampler of directions for a source.
 
     ``terms`` are the terms of `WignerRadiance`, and ``bounds`` is the source's bounding box in
-    metres. The density is a mixture of the far-field pattern g |F|^2 with the obliquity factor g,
-    its square root, and a uniform density.
+    metres. The density is a mixture of the far-field pattern g |F|^2, the square root of this
+    pattern, and a uniform density; g is the obliquity factor.
     """
     low, high = np.reshape(bounds, (2, 2))
     lobes = _POINTS_PER_LOBE * (high - low) / wavelength

@@ -133,9 +133,9 @@ class WignerRadiance:
     ) -> Drjit:
         """Return the radiance times the squared wavelength in m^2, as a number or Stokes vector.
 
-        The position ``x`` is in scene units from the centre of the source, and ``direction`` is a
-        unit vector in its frame. ``wigner(ops, x, y, nu_x, nu_y)``, with arguments in m and 1/m,
-        replaces the Wigner function of each term.
+        The position ``x`` is relative to the centre of the source, in scene units, and
+        ``direction`` is a unit vector in its frame. ``wigner(ops, x, y, nu_x, nu_y)``, with
+        arguments in m and 1/m, replaces the Wigner function of each term.
         """
         position = (x.x * self._unit, x.y * self._unit)
         frequency = self._flattened(_frequency(direction, wave), position, wave.inverse)

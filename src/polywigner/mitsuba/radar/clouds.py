@@ -38,9 +38,10 @@ def element_responses(
     """Return the complex response of each element of a receiving array to each scatterer.
 
     The response of element k to scatterer n is ``e_kn = lambda U_k(y_n)/sqrt(N_k)``. U_k is the
-    exact field (docs/received_power.md, (RX8)) that the element would transmit to the position y_n,
-    with the obliquity of the cloud's receiver. N_k is the power that the element would radiate, or
-    the integral of abs(u_k)^2 over the element, according to the ``normalise`` of the receiver.
+    exact field in (RX8) of docs/received_power.md, which the element would transmit to the position
+    y_n, with the obliquity of the cloud's receiver. N_k is the power that the element would
+    radiate, or the integral of abs(u_k)^2 over the element, according to the ``normalise`` of the
+    receiver.
 
     By reciprocity, the element receives the power ``intensity_n abs(e_kn)^2``. For a random
     amplitude of the element (speckle), multiply ``sqrt(intensity_n) e_kn`` by a complex random
@@ -87,11 +88,11 @@ def covariance(
     """Return the covariance matrix of the signals of an array's elements, for each range gate.
 
     The covariance of the elements k and l is ``R_kl = sum_n intensity_n e_kn conj(e_ln)``, with the
-    responses e of :func:`element_responses` to the scatterers n. It is the mean of
-    ``a_k conj(a_l)`` over random amplitudes a of the elements (speckle). R_kk is the power in W
-    that element k receives. An array of equal elements with the weights w receives the power
-    ``w^T R conj(w) / sum(abs(w)^2)``. The cloud should belong to a receiver whose source is similar
-    to one element, because the scatterers then sample the beam of an element.
+    responses e of :func:`element_responses` to the scatterers n. It is the mean of ``a_k
+    conj(a_l)`` over random amplitudes a of the elements (speckle). R_kk is the power in W that
+    element k receives. An array of equal elements with the weights w receives the power ``w^T R
+    conj(w) / sum(abs(w)^2)``. The cloud should belong to a receiver whose source is similar to one
+    element, so that the scatterers sample the beam of an element.
 
     Parameters
     ----------

@@ -110,9 +110,9 @@ def radar_cube(
 ) -> xarray.Dataset:
     """Return the samples that the receivers of a radar record in a scene.
 
-    The signal is the sum of coherent paths, scattered fields and thermal noise (docs/radar.md,
-    (RC1)). Coherent paths are the line of sight (leakage), specular paths via flat mirrors, and
-    echoes from conducting bodies, with their complex couplings at all frequencies of the band.
+    The signal is the sum of coherent paths, scattered fields and thermal noise, (RC1) of
+    docs/radar.md. Coherent paths are the line of sight (leakage), specular paths via flat mirrors,
+    and echoes from conducting bodies, with their complex couplings at all frequencies of the band.
     Scattered fields have random amplitudes (speckle), and are weighted by the exact response of
     each receiving element. The delay of each path changes from sample to sample, so moving objects
     migrate through range bins.

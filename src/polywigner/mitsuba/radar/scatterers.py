@@ -340,7 +340,7 @@ def checked_velocities(velocities: Mapping[str, ArrayLike]) -> dict[str, Floats]
     checked = {}
     for name, value in velocities.items():
         expected = (
-            f"expected the velocity of {name!r} as three numbers in m/s with a speed below "
+            f"expected the velocity of {name!r} to be three numbers in m/s with a speed below "
             f"{_FASTEST:.0e} m/s"
         )
         checked[name] = finite_array(value, expected, (3,))

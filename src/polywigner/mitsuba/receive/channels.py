@@ -230,13 +230,13 @@ Ends = tuple[NormalisedSource, NormalisedSource]
 def _normalised(placed: PlacedSource, polarisation: Any) -> NormalisedSource:
     """Return an emitter or receiver with its polarised parts, for paths that interfere.
 
-    The Jones vector ``polarisation`` applies if the scene specifies none. Raises SceneError for
-    partially coherent, broadband and unpolarised sources.
+    The Jones vector ``polarisation`` applies if the scene specifies no polarisation. Raises
+    SceneError for partially coherent, broadband and unpolarised sources.
     """
     if not placed.mixture.is_plain:
         raise SceneError(
             "interfering paths require coherent light of a single wavelength, got "
-            f"{placed.mixture} at {placed.name!r}; omit the coherence and bandwidth of the light"
+            f"{placed.mixture} at {placed.name!r}; omit its coherence width and bandwidth"
         )
     jones = placed.polarisation
     if jones is None and placed.states_polarisation:

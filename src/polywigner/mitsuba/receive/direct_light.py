@@ -159,8 +159,8 @@ def _coupling_and_match(
 ) -> tuple[float, float]:
     """Return the total coupling in free space, and the matched fraction of the transmitted power.
 
-    The matched power is in the receiver's polarisation. ``transmission`` is the mean transmission
-    of the path, shape (1, 1), or a Mueller matrix (4, 4).
+    The matched power is the power in the receiver's polarisation. ``transmission`` is the mean
+    transmission of the path, shape (1, 1), or a Mueller matrix (4, 4).
     """
     size = len(transmission)
     weight = 1.0 if receiver.polarisation is None else 0.5

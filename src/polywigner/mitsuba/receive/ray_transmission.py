@@ -275,7 +275,7 @@ class RayTracer:
 def _both_sides(before: Surface, behind: Surface, cosine: Floats) -> list[Floats]:
     """Return 1 over Mitsuba's reflectance, and the real amplitude coefficients for s and p waves.
 
-    Negative cosines belong to the surface ``behind``.
+    A negative cosine selects the surface ``behind``.
     """
 
     def values(surface: Surface) -> list[Floats]:

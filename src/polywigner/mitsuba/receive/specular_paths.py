@@ -92,7 +92,7 @@ def passing_rays(
 ) -> PassingRays:
     """Trace 4096 rays, or 1024 in scalar variants, from an emitter via flat mirrors to a receiver.
 
-    ``coherent`` excludes the effects of mirrors and panes on the field.
+    If ``coherent`` is true, the effects of mirrors and panes on the field are excluded.
     """
     points = _rays_between(emitter, receiver, chain)
     leaves = (points[-2] - points[-1]) @ emitter.normal > 0
@@ -322,11 +322,11 @@ def _clipped_mesh(points: Floats, faces: Any, normal: Floats, offset: float) -> 
 def even_points(count: int, dimensions: int, shift: float | Floats = 0.5) -> Floats:
     """Return quasi-random points (count, dimensions) in the unit cube.
 
-    The first point is ``shift``. Source: M. Roberts, "The unreasonable effectiveness of quasirandom
-    sequences" (2018).
+    The first point has the coordinates ``shift``. Source: M. Roberts, "The unreasonable
+    effectiveness of quasirandom sequences" (2018).
     """
     root = 1.0
-    for _ in range(64):  # Fixed point of x^(dimensions + 1) = x + 1.
+    for _ in range(64):  # Root of x^(dimensions + 1) = x + 1.
         root = (1.0 + root) ** (1.0 / (dimensions + 1))
     steps = np.arange(count)[:, None] * root ** -np.arange(1.0, dimensions + 1)
     return np.asarray((shift + steps) % 1)

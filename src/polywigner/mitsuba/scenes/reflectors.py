@@ -268,8 +268,8 @@ def _mean_number(value: Any) -> float:
 def reflected(field: Any, direction: Floats, normal: Floats, surface: Surface) -> Complex:
     """Return the electric field of a plane wave after reflection, shape (3,).
 
-    ``direction`` is the propagation direction. It and ``normal``, which may point to either side,
-    are unit vectors.
+    ``direction`` is the propagation direction. Both ``direction`` and ``normal`` are unit vectors;
+    the normal may point to either side.
     """
     across = np.cross(normal, direction)
     if np.linalg.norm(across) < _NORMAL_INCIDENCE:

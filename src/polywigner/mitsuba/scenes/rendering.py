@@ -378,7 +378,7 @@ def polarised_by_default(
 def illuminated_by(sources: Sequence[Any], active: Any) -> AbstractContextManager[None]:
     """Set the power of all sources except ``active`` to zero within a ``with`` block.
 
-    If ``active`` is None, all ``sources`` have zero power.
+    If ``active`` is None, the power of all ``sources`` is set to zero.
     """
     others = [source for source in sources if source is not active]
     return films.changed([(source, "power", source.adjustable(0.0)) for source in others])
