@@ -88,11 +88,11 @@ def covariance(
     """Return the covariance matrix of the signals of an array's elements, for each range gate.
 
     The covariance of the elements k and l is ``R_kl = sum_n intensity_n e_kn conj(e_ln)``, with the
-    responses e of :func:`element_responses` to the scatterers n. It is the mean of ``a_k
-    conj(a_l)`` over random amplitudes a of the elements (speckle). R_kk is the power in W that
-    element k receives. An array of equal elements with the weights w receives the power ``w^T R
-    conj(w) / sum(abs(w)^2)``. The cloud should belong to a receiver whose source is similar to one
-    element, so that the scatterers sample the beam of an element.
+    responses e of :func:`element_responses` to the scatterers n. It is the mean of
+    ``a_k conj(a_l)`` over random amplitudes a of the elements (speckle). R_kk is the power in W
+    that element k receives. An array of equal elements with the weights w receives the power
+    ``w^T R conj(w) / sum(abs(w)^2)``. The cloud should belong to a receiver whose source is similar
+    to one element, so that the scatterers sample the beam of an element.
 
     Parameters
     ----------

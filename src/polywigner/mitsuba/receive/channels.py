@@ -190,7 +190,7 @@ class CoherentPath:
     transmission: float
     """Amplitude transmission of obstacles, averaged over rays."""
     links: tuple[tuple[complex, FacingParts], ...]
-    """Polarisation factor ``e_r . E`` and facing parts, for each pair of polarised parts."""
+    """Polarisation factor ``e_r . E`` and parts that face each other, for each polarised pair."""
     ends: Ends
     edges: Callable[[float], complex] | None = None
     """Ratio b/b_0 as a function of the wavelength in m, or None without diffraction."""

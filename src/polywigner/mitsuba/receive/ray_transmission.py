@@ -67,7 +67,7 @@ class Plane(NamedTuple):
     rounding: float
     """Largest distance between the plane and rounded hits on the mirror."""
     surfaces: tuple[Surface, Surface] | None
-    """Front and back surface, or None for the reflectance of Mitsuba's BSDF."""
+    """Front and back surface, or None if the reflectance is that of Mitsuba's BSDF."""
 
 
 class Transmission(NamedTuple):
