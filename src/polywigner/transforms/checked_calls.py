@@ -64,7 +64,7 @@ def kernel_of(name: str, source: Any, precision: str | None, engine: str) -> Ker
 def broadcast_shape(arrays: Sequence[Any]) -> tuple[int, ...]:
     """Return the broadcast shape of points without the last axis, or raise ArgumentError."""
     try:
-        return np.broadcast_shapes(*[a.shape[:-1] for a in arrays])
+        return np.broadcast(*[a[..., 0] for a in arrays]).shape
     except ValueError:
         shapes = " and ".join(str(a.shape) for a in arrays)
         raise ArgumentError(
