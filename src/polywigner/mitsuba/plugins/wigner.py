@@ -311,7 +311,7 @@ class TracedSource:
     def _checked_pairs(self, name: str, flat: Drjit, count: int) -> NDArray[np.float32]:
         """Return a parameter as an array (count, 2); raise SceneError unless it is finite."""
         values = np.array(dr.detach(flat), np.float32).ravel()
-        expected = f"expected {name} to be {2 * count} finite numbers, two for each of {count} items"
+        expected = f"expected {2 * count} finite numbers, two for each of {count} {name}"
         finite_array(values, expected, (2 * count,), error=SceneError)
         return values.reshape(-1, 2)
 
