@@ -25,7 +25,8 @@ def test_help_imports_no_heavy_library():
     assert all(command in run.stdout for command in ("render", "transform", "doctor"))
 
 
-# Processor time in s: ten times the usual time.
+# Limits of the processor time for importing the package and for printing the help [s], ten times
+# the usual time.
 IMPORT, HELP = 0.3, 0.5
 
 

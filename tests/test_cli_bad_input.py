@@ -73,7 +73,7 @@ LINE = '--line "0 mm, 0 mm, 20 mm to 0 mm, 0 mm, 90 mm"'
 BOX = '--box "-20 mm to 20 mm, -15 mm to 15 mm, 30 mm to 60 mm"'
 SMALL = f'{BOX} --shape "6 x 5 x 4" --engine numpy'
 
-# Command, and for each of its lines: options => parts of the message.
+# Cases by command. Each line contains the options, "=>" and parts of the message.
 BAD: dict[str, str] = {
     "transform": """
         absent.geojson => absent.geojson

@@ -88,7 +88,7 @@ def test_field_is_zero_on_a_soft_plate_and_its_slope_on_a_hard_one() -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_obliquity_of_an_aperture_belongs_to_the_directions_of_the_edges(kind: str) -> None:
-    """(SB5): one condition is the derivative of the other condition in z of the source."""
+    """By (SB5), the field of one condition is a derivative of the field of the other condition."""
     square, points = pw.shapes.square(2.0), drawn(6, (-20, -20, 5), 25)
 
     def by(method: str, up: float = 0.0) -> Any:

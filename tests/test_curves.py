@@ -15,7 +15,7 @@ from polywigner.geometry.io.outlines import (
     transformed,
 )
 
-# Sampled distances are below the true maximum, and computed distances are rounded.
+# Relative error of distances, which are rounded. Sampled distances are below the true maximum.
 ROUNDING = 1e-12
 
 DENSE = 3001

@@ -205,7 +205,7 @@ def test_a_fitted_element_has_the_links_and_arrays_of_its_pattern(tmp_path: Path
 
 
 def test_scalar_sources_take_the_pattern_of_the_first_boundary_condition() -> None:
-    """A pattern cos(theta) F in Ludwig's third definition."""
+    """The pattern is cos(theta) F in Ludwig's third definition."""
     table = _pattern(HORN, polarisation="y")
     scalar = _pattern(HORN, obliquity="rayleigh-sommerfeld-1")
     table["field"], table["cross_field"] = scalar["field"], 0.0 * table["cross_field"]

@@ -97,7 +97,7 @@ def turned(inside):
 
 
 NO_SOURCE = texts(source="source.toml", frequency="94 GHz")
-# Parameters of the shape => parts of the message.
+# Invalid parameters of the shape, and parts of the resulting message.
 REFUSED = {
     GOOD + texts(colour="red"): "parameters are aperture, unit | 'colour'",
     GOOD + element("float", "wavelength", 0.003): "exactly one of | got frequency and wavelength",

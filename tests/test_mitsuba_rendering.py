@@ -24,8 +24,8 @@ from polywigner.errors import ArgumentError, SceneError
 pytestmark = pytest.mark.drjit
 
 COLUMNS = 101
-# The mean squared t of 8 seeds is 7/5; the average over 101 nearly uncorrelated pixels is below
-# this limit.
+# Limit of the mean squared t value. Its expectation for 8 seeds is 7/5, and the average over 101
+# nearly uncorrelated pixels is below this limit.
 LARGEST_MEAN_SQUARE = 2.2
 
 

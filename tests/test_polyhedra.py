@@ -13,7 +13,7 @@ from oracles.references import ENGINES, read_json
 from oracles.sources import CUBE, rotation
 from polywigner.errors import ArgumentError, GeometryError
 
-# Relative to the volume or area.
+# Errors relative to the volume or area.
 TOLERANCE = {"double": 1e-13, "single": 2e-6}
 
 engines = pytest.mark.parametrize("engine", ENGINES)

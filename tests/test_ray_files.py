@@ -13,7 +13,7 @@ xarray = pytest.importorskip("xarray")
 
 
 WAVELENGTH = 3.2e-3
-# Numbers and unit vectors in single precision.
+# Relative error of numbers and error of unit vectors in single precision.
 SINGLE, UNIT = 6e-8, 2e-7
 
 

@@ -29,11 +29,12 @@ from oracles.meshes import section_root as plate
 from oracles.references import read_json
 from polywigner.errors import ArgumentError, PolywignerWarning
 
-# Rounding relative to the amplitude of a plate of the same size.
+# Rounding error relative to the amplitude of a plate of the same size.
 ROUNDING = 1e-12
-# The reference for two plates is a sum over edges of a raster, with an error of 2e-13.
+# Difference from the reference for two plates, which is a sum over edges of a raster with an error
+# of 2e-13.
 REFERENCE = 1e-11
-# Rounding of dBsm to three decimals.
+# Rounding error of levels in dBsm with three decimals.
 STATED = 5e-4
 
 HOLED = pw.Aperture(shapely.Polygon([(0, 0), (4, 0), (4, 3), (0, 2)], [[(1, 1), (2, 1), (2, 2)]]))
@@ -183,7 +184,8 @@ def test_circular_waves_return_turned_the_other_way_from_a_plate() -> None:
     ],
 )
 def test_forward_scattering_is_that_of_the_shadow(body: Any) -> None:
-    # Some walls are seen edge-on, and their shadows share edges with other faces.
+    # Some walls are seen edge-on from these directions, and their shadows share edges with other
+    # faces.
     for t in (*DIRECTIONS, towards(90, -30), towards(90, 0), towards(60, 45), towards(0, 0)):
         area = shadow_of(body, t)
         result = pw.rcs(body, -t, 0.3, t, "vv")

@@ -21,7 +21,7 @@ WAVELENGTH = REFERENCE["wavelength"]
 SQUARE = pw.shapes.square(REFERENCE["side"])
 LAMP = pw.PointSource((0.3e-3, 0.1e-3, -0.11))
 
-# Default tolerance relative to the largest free field.
+# Default tolerance, relative to the largest field without obstacles.
 TOLERANCE = 1e-6
 # Angles are evaluated 1e-8 of the distance off each point, relative to a narrow gap.
 TOUCHING = 1e-6
@@ -102,8 +102,8 @@ def test_spot_of_arago_is_as_bright_behind_a_ball_as_behind_its_disc() -> None:
     lamp = pw.PointSource((0.0, 0.0, -300.0))
     spots = [np.abs(field(lamp, axis, body)) * 300.0 for body in (sphere, disc)]
     assert np.abs(spots[0] / spots[1] - 1).max() < 1e-3  # the outline of the mesh is a polygon
-    # (1 + z/r)/2 of the incident field, with r from the edge; all paths around the disc have equal
-    # lengths.
+    # On the axis, the field is (1 + z/r)/2 of the incident field, with the distance r from the
+    # edge, because all paths around the disc have equal lengths.
     closed_form = 0.5 + 0.5 / np.hypot(1, 0.02 / np.array([0.2, 0.5]))
     assert np.abs(spots[1] / closed_form - 1).max() < 2e-3
 
@@ -282,7 +282,7 @@ def test_store_of_a_volume_belongs_to_its_obstacles(tmp_path: Path) -> None:
 def test_partly_coherent_light_is_the_mean_over_its_tilts() -> None:
     width, points = 12e-3, [(x, 0.01, 0.3) for x in (-0.05, 0.0)]
     how: Any = {"obstacles": BODIES["plate"], "tolerance": 1e-2, "engine": "numpy"}
-    # |U|^2 averaged over normally distributed tilts kappa of the wave.
+    # The expected irradiance is |U|^2 averaged over normally distributed tilts kappa of the wave.
     nodes, weights = np.polynomial.hermite_e.hermegauss(3)
     expected = 0.0
     for (i, first), (j, second) in product(enumerate(nodes), repeat=2):

@@ -232,7 +232,7 @@ def test_a_wall_of_butted_or_crossing_cubes_is_a_wall() -> None:
 
 
 def test_cubes_of_one_mesh_with_a_common_face_are_in_contact_with_what_touches_them() -> None:
-    """Four faces meet at edges of the common face: the mesh is closed, but not simple."""
+    """Four faces meet at each edge of the common face, so the mesh is closed, but not simple."""
     cube = meshes.box((0, 0, 0), (1, 1, 1))
     pair = meshes.joined([cube, meshes.moved(cube, 1, 0, 0)])
     bodies = [(body.vertices, body.triangles) for body in (pair, meshes.moved(cube, 0, 1, 0))]
@@ -273,14 +273,15 @@ def test_bodies_on_mirrored_ways() -> None:
 
     before, behind = mirrored(0.25), mirrored(0.75)
     assert before < 0.7
-    # Nearly equal, because single edges of a plate and of its image are not exactly reciprocal.
+    # The values are only nearly equal, because single edges of a plate and of its image are not
+    # exactly reciprocal.
     assert before == pytest.approx(behind, rel=1e-2)
 
 
 @pytest.mark.slow
 @pytest.mark.llvm
 def test_receiver_takes_light_over_edges() -> None:
-    """Power from a floor hidden by a plate, from the fields of both ends on the floor."""
+    """The power is an integral of the fields of both ends over a floor that a plate hides."""
     use("llvm_ad_mono")
     height, side, apart = 0.4, 0.3, 0.1
     places = [np.eye(4), np.eye(4)]

@@ -113,7 +113,7 @@ def illuminated(field: pw.Illumination) -> pw.Aperture:
     return WIDE.with_illumination(field)
 
 
-# Tables of a file, and the source that the functions of these names return.
+# Tables of a file, and the source that the Python functions with the same names return.
 VALID = [
     ({"kind": "aperture", "polygons": TILES}, pw.Aperture([[0, 0], [2, 0], [2, 1], [0, 1]])),
     ({"kind": "aperture", "polygons": [[[[0, 0], [0, 1], [1, 1], ["0.5 m", 0], [0, 0]]]]},
@@ -254,7 +254,7 @@ PHASED = repeated([[0, 0], [2, 0]])
 GRID_TABLE = {"kind": "grid", "nx": 2, "ny": 2, "pitch_x": 1}
 CROSSED = [[0, 0], [3, 0], [1, 1], [2, 2], [1, 0]]
 
-# Tables, and parts of their errors: path of the key, accepted values, and value.
+# Invalid tables, and parts of their error messages: path of the key, accepted values, and value.
 BAD = [
     ([], "expected `object`, got `array`"),
     ({}, "missing required field `kind`"),

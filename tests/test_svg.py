@@ -17,7 +17,7 @@ from polywigner.geometry.io.outlines import DEFAULT_TOLERANCE
 
 MILLIMETRES = 'width="20mm" height="10mm" viewBox="0 0 20 10"'
 
-# Rounding of a few additions and products.
+# Rounding error of a few additions and products.
 ROUNDING = 1e-14
 
 # The area between a chord and its curve is at most the length times the largest distance.
@@ -351,7 +351,7 @@ def test_nested_transforms_agree_with_another_reader(read: Read, seed: int) -> N
     assert difference(read(body, root, unit="m"), pw.Aperture(shapes)) < ROUNDING
 
 
-# The union has a grid of 2^-44 of the size.
+# Relative rounding error of unions, which have a grid of 2^-44 of the size.
 UNION = 1e-12
 
 BOARD = (

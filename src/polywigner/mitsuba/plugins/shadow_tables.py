@@ -20,9 +20,9 @@ from polywigner.propagation.source_nodes import EDGE_AMPLITUDE, NEAR, SourceNode
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-# Largest phase step between samples along an edge [rad], largest number of samples, and lower limit
-# for the half size of a source when the phase is computed [wavelengths]. Linear interpolation is
-# accurate to step^2/24.
+# Largest phase step between samples along an edge [rad], largest number of samples per edge, and
+# smallest half size of a source for the calculation of the phase [wavelengths]. The error of linear
+# interpolation is step^2/24.
 _STEP, _MOST_SAMPLES, _SLANT = 0.25, 1024, 1.0
 _NO_PLANE, _ALL_BEHIND = (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0, -1.0)
 # Largest gap between edges that count as adjacent, as a fraction of the largest coordinate.
@@ -275,7 +275,7 @@ def _positions_along(ends: Floats, side: int) -> Floats:
 
 
 def _hulls(ends: Floats, labels: Indices) -> Floats:
-    """For each edge (m, 2, 3), return the ends (m, 6) of the union of all edges with its label."""
+    """For each edge (m, 2, 3), return the ends (m, 6) of the union of all edges with this label."""
     _, label = np.unique(labels, axis=0, return_inverse=True)
     label = label.ravel()
     corners = []

@@ -283,7 +283,7 @@ class _SceneValues:
                 )
 
     def choice(self, name: str, known: Collection[str], default: str | None = None) -> str:
-        """Return a parameter that is one of ``known``, by default ``default`` or the first one."""
+        """Return a parameter that is one of ``known``, by default ``default`` or the first."""
         with scene_errors():
             return checked_choice(self.text(name, default or next(iter(known))), name, known)
 

@@ -59,7 +59,7 @@ _COUNTERPARTS = {
 def require_transients(variant: str | None = None) -> ModuleType:
     """Import mitransient for the current variant, and return it.
 
-    If ``variant`` is specified, it is set first. Raises EngineError for scalar variants.
+    The ``variant``, if specified, is set first. Raises EngineError for scalar variants.
     """
     if variant is not None:
         mi.set_variant(variant)

@@ -84,8 +84,8 @@ def range_profile(
     ranges : array_like, shape (n + 1,)
         Ascending edges of n range bins in m, at least zero. At most 2^20 bins are allowed.
     spp : int, optional
-        Number of samples for each emitter. It is rounded up to a multiple of 16, because the
-        samples are divided into 16 batches. Default: the value of the sensor.
+        Number of samples for each emitter. The number is rounded up to a multiple of 16, because
+        the samples are divided into 16 batches. Default: the value of the sensor.
     seed : int, default 0
         Seed of the random numbers, zero or more.
     receiver : int or str, optional
@@ -179,8 +179,8 @@ def checked_ranges(ranges: npt.ArrayLike) -> Floats:
         single = edges.astype(np.float32)
     if not np.isfinite(single).all() or edges[0] < 0 or not np.all(np.diff(single) > 0):
         raise ArgumentError(
-            "expected ranges to be finite, ascending edges in m, zero or more and different in "
-            f"single precision, got {edges[0]:g} to {edges[-1]:g} in {len(edges) - 1} steps"
+            "expected ranges to be finite, ascending edges in m that are zero or more and differ "
+            f"in single precision, got {edges[0]:g} to {edges[-1]:g} in {len(edges) - 1} steps"
         )
     return edges
 

@@ -52,11 +52,11 @@ def _selected_events(
 ) -> tuple[Events, float]:
     """Select at most ``count`` events at random, with unbiased sums of powers and intensities.
 
-    Return the events, and the standard error of their total power in W due to the selection.
-    Probabilities are proportional to the power. With ``for_elements``, they are proportional to the
-    mean of the relative power and the relative intensity, so that the nulls of an array do not
-    depend on a few events. Systematic sampling in order of path length preserves the distribution
-    of path lengths. Source: W. G. Madow, Ann. Math. Stat. 20 (1949) 333.
+    Return the events, and the standard error of their total power in W due to the selection. The
+    probabilities are proportional to the power. With ``for_elements``, the probabilities are
+    proportional to the mean of the relative power and the relative intensity, so that the nulls of
+    an array do not depend on a few events. Systematic sampling in order of path length preserves
+    the distribution of path lengths. Source: W. G. Madow, Ann. Math. Stat. 20 (1949) 333.
     """
     if len(events) <= count:
         return events, 0.0
@@ -132,7 +132,7 @@ def _probabilities(measure: Floats, count: int) -> Floats:
     """Return probabilities that sum to ``count``, proportional to ``measure`` but at most 1."""
     ordered = np.sort(measure)
     sums = np.cumsum(ordered)
-    # If k probabilities are 1, the sum of the remaining ones is count - k.
+    # If k probabilities are 1, the remaining probabilities must have the sum count - k.
     certain = np.arange(count)
     remainder = sums[len(sums) - 1 - certain]
     scale = (count - certain) / np.where(remainder > 0.0, remainder, 1.0)
@@ -336,7 +336,7 @@ def checked_velocities(velocities: Mapping[str, ArrayLike]) -> dict[str, Floats]
     checked = {}
     for name, value in velocities.items():
         expected = (
-            f"expected the velocity of {name!r} as three numbers in m/s with a speed below "
+            f"expected the velocity of {name!r} to be three numbers in m/s with a speed below "
             f"{_FASTEST:.0e} m/s"
         )
         checked[name] = finite_array(value, expected, (3,))

@@ -49,8 +49,8 @@ _AIMED = 1 / 8
 _EQUAL = 0.5
 # Largest number of boxes per receiver, because each sample tests all boxes.
 _MOST_BOXES = 64
-# Largest number of pieces, and largest number of faces, for which each piece of a mesh gets its own
-# box.
+# Largest number of pieces, and largest number of faces, for which each piece of a mesh has a
+# separate box.
 _MOST_PIECES, _MOST_FACES = 64, 1 << 17
 # Samples are aimed at a box if less than this fraction of the unaimed samples is in the box.
 _MOST_UNAIMED = 1 / 16
@@ -238,7 +238,7 @@ class Scattering:
     def values(self) -> tuple[int, ...]:
         """Shape of the power of one light in a batch.
 
-        It is (), or (bins + 2,) with range bins, including shorter and longer paths.
+        The shape is (). With range bins, it is (bins + 2,), including shorter and longer paths.
         """
         return () if self.edges is None else (len(self.edges) + 1,)
 

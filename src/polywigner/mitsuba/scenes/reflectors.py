@@ -31,8 +31,8 @@ MOST_FACES = 32
 _MOST_CHAINS = 5000
 # Advice for scenes with too many paths.
 _FEWER_PATHS = "allow fewer reflections, or give small mirrors a rough BSDF"
-# Largest difference between the normals, and between the offsets relative to the coordinates, of
-# planes that count as equal.
+# Largest difference between the normals of planes that count as equal, and largest difference
+# between their offsets, relative to the coordinates.
 _FLAT = 1e-5
 # Components of a normal below this value are treated as rounding errors. A tilt by this angle
 # shifts an image at 100 m by 10 um, which is about a radian of phase at terahertz frequencies.
@@ -266,8 +266,8 @@ def _mean_number(value: Any) -> float:
 def reflected(field: Any, direction: Floats, normal: Floats, surface: Surface) -> Complex:
     """Return the electric field of a plane wave after reflection, shape (3,).
 
-    ``direction`` is the propagation direction. It and ``normal``, which may point to either side,
-    are unit vectors.
+    ``direction`` is the propagation direction. Both ``direction`` and ``normal`` are unit vectors;
+    the normal may point to either side.
     """
     across = np.cross(normal, direction)
     if np.linalg.norm(across) < _NORMAL_INCIDENCE:
@@ -307,7 +307,7 @@ class Body:
         return replace(like, source=square(self.facets.size / 2), pose=pose)
 
     def antenna(self, image: PlacedSource, wavelength: float) -> Antenna:
-        """Return the mirror image of an end as an antenna in the frame of the body's centre."""
+        """Return the ``image`` of an end as an antenna, in a frame at the centre of the body."""
         pose: Floats = np.asarray(np.linalg.inv(image.pose), np.float64)
         pose[:3, 3] += pose[:3, :3] @ self.facets.centre
         condition: Any = image.obliquity

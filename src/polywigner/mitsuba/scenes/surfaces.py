@@ -239,8 +239,8 @@ class ShapeExtents:
 
 # Largest distance between a curved shape and its chords [wavelengths].
 _SAGITTA = 0.01
-# Radius of the largest sphere with this accuracy [wavelengths], and largest number of chords around
-# a circle.
+# Radius of the largest sphere with the accuracy _SAGITTA [wavelengths], and largest number of
+# chords around a circle.
 _LARGEST_SPHERE, _MOST_CHORDS = 170.0, 1024
 # Largest total number of faces; these faces take about 1 GB.
 _MOST_FACES = 1 << 21
