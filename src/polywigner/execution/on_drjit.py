@@ -26,7 +26,7 @@ from polywigner.execution.operations import Drjit, NumpyOperations
 from polywigner.kernels import Kernel
 from polywigner.kernels.cut.pair_grid import PairGrid
 from polywigner.kernels.cut.winding import Pass, pairs_of
-from polywigner.kernels.functions.fourier import OutlineTables
+from polywigner.kernels.functions.fourier import LinearFrame, OutlineTables
 from polywigner.kernels.functions.slices import MOST_PAIRS_AS_CODE, SliceSum
 from polywigner.kernels.outline import Frame, Tables, is_plain
 from polywigner.numerics import phases
@@ -509,15 +509,18 @@ def with_frame_as_data(ops: DrjitOperations, tables: Any) -> Tables:
     return replace(tables, frame=_frame_as_data(ops, tables.frame, centre))
 
 
-def _centre_in_memory(ops: DrjitOperations, frame: Frame) -> Drjit:
+def _centre_in_memory(ops: DrjitOperations, frame: Frame | LinearFrame) -> Drjit:
     """Return the coordinates of a frame's centre, each as a pair of floats, in one array."""
-    return array_of(ops.float_type, [phases.doubled(c, ops.double) for c in frame.centre])
+    pairs = (c if isinstance(c, tuple) else phases.doubled(c, ops.double) for c in frame.centre)
+    return array_of(ops.float_type, list(pairs))
 
 
-def _frame_as_data(ops: DrjitOperations, frame: Frame, centre: Drjit) -> Frame:
+def _frame_as_data(
+    ops: DrjitOperations, frame: Frame | LinearFrame, centre: Drjit
+) -> Frame | LinearFrame:
     """Return a frame whose centre is read from the array of :func:`_centre_in_memory`."""
+    pairs: Any = tuple(ops.gather((2, centre), ops.truncated(k)) for k in range(len(frame.centre)))
+    if not isinstance(frame, Frame):
+        return replace(frame, centre=pairs)
     values = {field.name: getattr(frame, field.name) for field in fields(Frame)}
-    values["centre"] = tuple(
-        ops.gather((2, centre), ops.truncated(k)) for k in range(len(frame.centre))
-    )
-    return _DataFrame(**values)
+    return _DataFrame(**values | {"centre": pairs})

@@ -473,13 +473,15 @@ def edge_wave(
     def beyond(v: Any) -> tuple[Any, Any]:
         """Return the integral from v to infinity, along a complex path on which the wave decays."""
         q = v * v
-        total = Pair(0.0, 0.0)
+        total, grown = Pair(0.0, 0.0), Pair(ops.sqrt(foot), 0.0)
         for y, weight in rule.tails:
             stretched = Pair(1.0 + slant * q, slant * y)
             z = Pair(q, y)
             risen = z * stretched
-            growing = Pair(risen.real + foot, risen.imag) if is_black else Pair(foot, 0.0)
-            rooted = root(ops, z * stretched * growing)
+            # The arguments of ``risen`` and ``growing`` are below 180 degrees, but their sum may
+            # exceed 180 degrees. Therefore each factor has a separate root.
+            growing = root(ops, Pair(risen.real + foot, risen.imag)) if is_black else grown
+            rooted = root(ops, risen) * growing
             below = Pair(detour + q, y) * Pair(total_path + q, y) * rooted
             norm = weight / (below.real * below.real + below.imag * below.imag)
             total = total + Pair(below.real * norm, -below.imag * norm)
@@ -591,7 +593,7 @@ def inverse_sinh(ops: Any, sinh: Any, cosh: Any) -> Number:
 
 
 def root(ops: Any, z: Pair) -> Pair:
-    """Return the principal square root; it loses digits if the real part of z is negative."""
+    """Return the principal square root; it loses digits near the negative real axis."""
     real = ops.sqrt(0.5 * (ops.sqrt(z.real * z.real + z.imag * z.imag) + z.real))
     return Pair(real, 0.5 * z.imag / real)
 
