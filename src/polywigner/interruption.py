@@ -48,7 +48,7 @@ def _replace_folder(scratch: Path, path: Path) -> None:
     path.rename(old)
     try:
         scratch.rename(path)
-    # Ctrl-C also restores the old folder.
+    # BaseException includes KeyboardInterrupt, so Ctrl-C also restores the old folder.
     except BaseException:
         if not path.exists():
             old.rename(path)

@@ -141,7 +141,7 @@ def _library_row(name: str) -> Row:
 
 
 def _extras() -> list[Row]:
-    """Return a row for each extra, with its libraries or those that are missing."""
+    """Return a row for each extra with its missing libraries, or with all if none is missing."""
     rows = []
     for name, libraries in sorted(_requirements().items())[1:]:
         missing = ", ".join(library for library in libraries if _version(library) is None)

@@ -74,14 +74,15 @@ class GridPlan:
     def fill(self, results: Sequence[Array], point_by_point: PointByPoint) -> None:
         """Write the real and the imaginary part of the Fourier transform to two arrays.
 
-        ``point_by_point`` computes the values near the origin, where (F4) loses digits.
+        ``point_by_point`` computes the values near the origin, where equation (F4) loses digits.
         """
         ops = NumpyOperations()
         targets = [result.T if self.transposed else result for result in results]
         for i in range(0, len(self.x), _TILE):
             for j in range(0, len(self.y), _TILE):
                 x, y = self.x[i : i + _TILE], self.y[j : j + _TILE]
-                # (F4) divides by the frequency. Its results near the origin are replaced below.
+                # Equation (F4) divides by the frequency. Its results near the origin are replaced
+                # below.
                 with np.errstate(invalid="ignore", divide="ignore"):
                     *parts, below = fourier_on_grid(ops, self.tables, x, y)
                 if below.any():
@@ -98,9 +99,9 @@ def plan_for_grid(
 ) -> GridPlan | None:
     """Return a plan for a grid of frequencies, or None if the axes of the grid cannot be used.
 
-    The result is None for points that form no grid of at least 8 x 8 frequencies, for compiled
-    engines, for kernels and sources without tables for grids, and if many frequencies are too close
-    to the origin.
+    The result is None for points that do not form a grid of at least 8 x 8 frequencies, for
+    compiled engines, for kernels and sources without tables for grids, and if many frequencies are
+    too close to the origin.
     """
     if kernel.grid_tables is None or engine not in ("auto", "numpy"):
         return None
@@ -138,8 +139,8 @@ def evaluate_on_grid(
 ) -> bool:
     """Compute the Fourier transform from the axes of a grid, if the points form a grid.
 
-    Returns False, and leaves ``into`` unchanged, if the points form no grid or another method is
-    faster.
+    Returns False, and leaves ``into`` unchanged, if the points do not form a grid or another method
+    is faster.
     """
     plan = plan_for_grid(kernel, source, components, engine)
     if plan is None:
@@ -151,11 +152,11 @@ def evaluate_on_grid(
     return choice.strategy == GRID
 
 
-# Samples per chunk on NumPy. Temporary arrays below 128 KiB stay in the cache of a core. Larger
-# arrays cause page faults that take longer than the computation.
+# Number of samples per chunk on NumPy. Temporary arrays below 128 KiB stay in the cache of a core.
+# Larger arrays cause page faults that take longer than the computation.
 _CHUNK = 3 << 12
-# Samples per block if frequencies share slices, on NumPy and in compiled code. Compiled code stores
-# only positions and frequencies, so its blocks can be larger.
+# Number of samples per block whose frequencies share slices, on NumPy and in compiled code.
+# Compiled code stores only positions and frequencies, so its blocks can be larger.
 _SHARED_BLOCK, _LARGE_BLOCK = 1 << 18, 1 << 20
 # Smallest number of frequencies per position for which all frequencies share the slice.
 _LEAST_COLUMNS = 64
@@ -276,7 +277,7 @@ def explained(call: Callable[[], object]) -> Plan | None:
 def _on_numpy(
     kernel: Kernel, tables: Any, components: Sequence[Array], shear: Shear | None = None
 ) -> tuple[Array, ...]:
-    """Return the results (n,) of a kernel at points that broadcast, computed by NumPy."""
+    """Compute the results of a kernel, shape (n,), with NumPy; the components broadcast."""
     # Infinite and NaN arguments give NaN without a warning.
     with np.errstate(invalid="ignore", over="ignore"):
         if shear is not None:
@@ -488,6 +489,6 @@ def evaluate_rows(
     for start in range(0, len(table), step):
         rows = tuple(table[start : start + step].T[:, :, None])
         terms = term(_HOST, rows, columns, tuple(constants.tolist()))
-        shape = len(rows[0]), len(samples)  # a term may be the same for all rows
+        shape = len(rows[0]), len(samples)  # Terms are broadcast to this shape.
         total += [np.broadcast_to(part, shape).sum(axis=0) for part in terms]
     return tuple(total)

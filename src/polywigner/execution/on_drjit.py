@@ -34,8 +34,8 @@ from polywigner.numerics import phases
 # Largest number of cached functions, and largest number of recordings of each function. Arguments
 # with a single entry require a separate recording.
 _MOST, _MOST_RECORDINGS = 64, 8
-# Samples per chunk. Launching a kernel takes little time compared with such a chunk. The arguments
-# of a chunk take some 10 MB.
+# Number of samples per chunk. Launching a kernel takes little time compared with such a chunk. The
+# arguments of a chunk take some 10 MB.
 CHUNK = 1 << 18
 
 Array = npt.NDArray[Any]
@@ -141,7 +141,7 @@ def is_recordable(tables: Tables | OutlineTables) -> bool:
 
 
 def prevents_recording(kind: Any) -> bool:
-    """Return whether calls must not be recorded: in another recording, or without LLVM.
+    """Return whether calls cannot be recorded: within another recording, or without LLVM.
 
     ``kind`` is a Dr.Jit float type.
     """
@@ -271,7 +271,7 @@ def row_sums(
 
 # Smallest number of edges for which samples are sorted by cell (benchmarks/call_rates.py).
 _LEAST_EDGES_SORTED = 5
-# Samples per cell from which a lane of a vector computes several samples.
+# Smallest number of samples per cell for which a vector lane computes several samples.
 _LEAST_PER_CELL = 8
 # Dr.Jit records a function again if arguments of equal size get different sizes, or vice versa. The
 # size of table k is a multiple of _SIZES plus (k + 1) _APART, so no two tables have equal sizes.
@@ -354,7 +354,7 @@ class OnDrjitData:
         return self.kernel.leave(ops, frame, inner, sums)
 
     def _sent(self, number: int, table: Array) -> Drjit:
-        """Copy table ``number`` to the memory of the engine, padded to a size of its own."""
+        """Copy table ``number`` to the memory of the engine, padded to a unique size."""
         width = -(-table.size // _SIZES) * _SIZES + _APART * (number + 1)
         padded = np.zeros(width, table.dtype)
         padded[: table.size] = table.ravel()
@@ -416,8 +416,8 @@ def fills_lanes(slices: SliceSum, tables: Tables, grids: Iterable[PairGrid], sam
 
     Samples in the same cell of one grid may lie in different cells of another grid. The second view
     of a sum mirrors offsets, and the mirror images of offsets in one cell can lie in different
-    cells if an offset lies on the border of the cell. Terms for partly coherent light are not
-    written for several samples.
+    cells if an offset lies on the border of the cell. Terms for partly coherent light do not
+    support several samples per lane.
     """
     first, *others = grids
     is_single = tables.coherence is None and len(slices.views) == 1 and not others

@@ -33,7 +33,7 @@ Term = Callable[..., Values]
 
 
 def unrolled_sum(rows: Sequence[Row], term: Term) -> Values:
-    """Return the sums of ``term(*row)`` over all rows, at least one, row by row."""
+    """Return the sums of ``term(*row)`` over one or more rows, row by row."""
     totals = term(*rows[0])
     for row in rows[1:]:
         totals = _sums(totals, term(*row))
@@ -41,7 +41,7 @@ def unrolled_sum(rows: Sequence[Row], term: Term) -> Values:
 
 
 def unrolled_steps(count: int, state: Values, step: Term) -> Values:
-    """Return the last ``state = step(number, *state)`` for numbers from 0 to count - 1."""
+    """Return the state after ``count`` steps ``state = step(number, *state)``, from number 0."""
     for number in range(count):
         state = step(number, *state)
     return state
@@ -142,7 +142,7 @@ class NumpyOperations(_Unfused):
         """Return the sums of ``term(row, *samples)`` over row indices ``first`` to ``end`` - 1.
 
         Each sample may have its own ``first`` and ``end``. Rows for which ``keep(row, *samples)``
-        is false are skipped, because ``term`` is 0.
+        is false are skipped, because their ``term`` is 0.
         """
         shape = np.broadcast_shapes(np.shape(first), *map(np.shape, samples)) or (1,)
         count = math.prod(shape)
@@ -292,7 +292,7 @@ class ScalarOperations(_Unfused, RowByRow):
     def sum_over(
         self, rows: Sequence[Row], term: Term, values: int, like: Any, *, unroll: bool = True
     ) -> Values:
-        """Return the sums of ``term(*row)`` over all rows, at least one."""
+        """Return the sums of ``term(*row)`` over one or more rows."""
         return unrolled_sum(rows, term)
 
     def select(self, condition: Any, a: Any, b: Any) -> Numbers:

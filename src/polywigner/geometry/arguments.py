@@ -187,7 +187,7 @@ def checked_array(values: Any, name: str, dimension: int) -> NDArray[np.float64]
 
 
 def frozen(value: T) -> T:
-    """Return a value whose arrays, also in nested tuples, are read-only and contiguous.
+    """Make all arrays in a value, including nested tuples, read-only and contiguous.
 
     Arrays that are already contiguous are not copied but made read-only in place.
     """
@@ -343,7 +343,7 @@ def checked_count(value: Any, name: str, least: int, most: int = _LARGEST_COUNT)
 def checked_path(path: Any) -> Path:
     """Return a path, which need not exist, as an absolute path.
 
-    Raises ArgumentError for other values than nonempty text and path-like objects.
+    Raises ArgumentError unless the value is a nonempty string or a path-like object.
     """
     try:
         text = os.fspath(path)
@@ -430,7 +430,7 @@ def warn_caller(message: str, stacklevel: int = 3) -> None:
     warnings.warn(message, PolywignerWarning, stacklevel=stacklevel)
 
 
-# Suppresses repeated warnings when one public function calls another one.
+# Whether a public function is running, so that public functions inside it do not repeat warnings.
 _is_nested: ContextVar[bool] = ContextVar("_is_nested", default=False)
 
 # Lowest accepted frequency [Hz]; smaller values are probably in GHz.

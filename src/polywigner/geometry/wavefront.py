@@ -149,7 +149,8 @@ class TakesWaves(Immutable):
         least, most = sorted((_checked_width(width, "width"), wave.coherence_width))
         if least == np.inf:
             return wave
-        # Equals 1/sqrt(1/least^2 + 1/most^2), without squares that could overflow.
+        # The new width is 1/sqrt(1/least^2 + 1/most^2), computed without squares that could
+        # overflow.
         return wave._with(coherence_width=least / math.hypot(1.0, least / most))
 
 
@@ -172,8 +173,8 @@ class Wavefront(TakesWaves):
     coherence_width : float, default inf
         Coherence width in metres; infinite: fully coherent.
     wavelength : float, optional
-        Wavelength in metres at which the curvature applies. The curvature is inversely
-        proportional to the wavelength. By default it is the same at all wavelengths.
+        Wavelength in metres at which the curvature applies. The curvature is inversely proportional
+        to the wavelength. By default, the curvature is the same at all wavelengths.
 
     Raises
     ------
@@ -229,7 +230,7 @@ class Wavefront(TakesWaves):
         self._set(source=source, curvature=q, centre=c, coherence_width=width, wavelength=length)
 
     def at_wavelength(self, wavelength: float) -> Wavefront:
-        """Return the source at another wavelength in m, with the curvature of its wave there."""
+        """Return the source, with the curvature of its wave, at another wavelength in m."""
         length = checked_wavelength(wavelength)
         source = self.source.at_wavelength(length)
         if self.wavelength in (None, length):
@@ -317,7 +318,7 @@ class Wavefront(TakesWaves):
         The angle is in radians. Raises IlluminationError for slits, and ArgumentError for an array.
         """
         if self.dimension != 2:
-            raise IlluminationError("expected an aperture to rotate, got slits")
+            raise IlluminationError("expected an aperture as the source to rotate, got slits")
         rotation = turned_points(np.eye(2), angle).T
         q = rotation @ self.curvature @ rotation.T
         centre = turned_points(self.centre[None], angle)[0]

@@ -128,16 +128,17 @@ def checked_plane_positions(x: Any) -> Floats:
     return finite_array(x, "expected finite positions x of shape (..., 2)", (..., 2))
 
 
-# Largest source size [wavelengths]. A square of this size requires 1.5e11 directions, half a day on
-# two cores.
+# Largest source size [wavelengths]. A square of this size requires 1.5e11 directions, which take
+# half a day on two cores.
 _MOST_WAVELENGTHS = 1e5
-# Directions per block, which take a few MB.
+# Number of directions per block; a block takes a few MB.
 _BLOCK = 1 << 17
 
 # Source size [wavelengths] above which the integral over lags is used, because sums over directions
 # would take seconds.
 _WIDE = 600.0
-# Relative difference between the powers from the two cut-offs above which directions are summed.
+# Largest accepted relative difference between the powers from the two cut-offs. If the difference
+# is larger, the power is a sum over directions.
 _SAME = 1e-6
 # Largest spatial frequency of a field for the integral over lags, as a fraction of 1/wavelength.
 _STEEP = 0.8
@@ -149,9 +150,10 @@ _ENDS = (4.5, 6.5)
 # Distance from the larger cut-off lag to the end of the integral, in units of the cut-off width.
 # Longer lags contribute 1e-14.
 _BEYOND = 5.5
-# Number of edge directions above which lag angles are spaced evenly, not divided into panels.
+# Largest number of edge directions for which lag angles are divided into panels; otherwise, the
+# angles are evenly spaced.
 _MOST_KINKS = 48
-# Smallest number of Gauss nodes per panel of angles, and number per wavelength of lag.
+# Smallest number of Gauss nodes per panel of angles, and number of nodes per wavelength of lag.
 _ON_PANEL, _ON_PERIOD = 8, 12
 # Largest phase [rad] per panel of theta, because computing n Gauss nodes takes a time of order n^3.
 _PANEL = 400.0
@@ -194,7 +196,7 @@ def check_width(lag: float, wavelength: float) -> None:
         raise ArgumentError(
             f"the source is {lag / wavelength:.3g} wavelengths wide, but integrals over "
             f"directions allow at most {_MOST_WAVELENGTHS:.0e}; check the unit of the wavelength "
-            "(wide sources radiate all power except the fraction perimeter wavelength/area)"
+            "(wide sources radiate all power except the fraction perimeter * wavelength / area)"
         )
 
 
@@ -232,7 +234,7 @@ def _directions_on_rings(theta: Floats, weight: Floats, counts: Indices) -> tupl
 
 def _azimuth_counts(phase: Floats) -> Indices:
     """Return the numbers of azimuths for integrals of exp(i phase cos(phi)) cos(phi)^m, m <= 2."""
-    # The error 2 J_n(phase) is 3e-15. Constants fitted to phases from 0.1 to 3000.
+    # The error 2 J_n(phase) is 3e-15. The constants were fitted to phases from 0.1 to 3000.
     return np.ceil(phase + 11.0 * np.cbrt(phase) + 9.0).astype(np.intp)
 
 
@@ -257,7 +259,7 @@ def _polar_nodes(phase: float) -> tuple[Floats, Floats]:
 def power_by_lags(
     source: PlaneSource | Wavefront, wavelength: float, obliquity: str
 ) -> float | None:
-    """Return the power of a wide source in W as an integral over lags (E5).
+    """Return the power of a wide source in W as an integral over lags, equation (E5).
 
     Returns None if a sum over directions is required.
     """

@@ -149,12 +149,13 @@ def radiant_intensity(
         band = checked_bandwidth(bandwidth, length)
         parts = wavelengths_of_band(length, band, longest_path(radiator), _BAND_ERROR)
         how: dict[str, Any] = {"precision": precision, "engine": engine}
-        # The phases due to path lengths differ between wavelengths.
+        # Each wavelength is a separate call, because phases due to path lengths depend on
+        # wavelength.
         total = sum(w * radiant_intensity(radiator, directions, node, **how) for node, w in parts)
         return np.asarray(total)[()]
 
     def squared_spectrum(source: PlaneSource | Wavefront, nu: NDArray[np.float64]) -> Any:
-        """Return |F|^2/wavelength^2 at frequencies."""
+        """Return |F|^2/wavelength^2 at spatial frequencies."""
         return np.square(np.abs(fourier(source, nu, precision=precision, engine=engine)) / length)
 
     nu = directions[..., :2] / length
@@ -167,7 +168,7 @@ def radiant_intensity(
     return (directions[..., 2] * squares).astype(squares.dtype, copy=False)[()]
 
 
-# Radiance values per block, which take 32 MB.
+# Number of radiance values per block, which take 32 MB.
 _BLOCK = 1 << 22
 
 
@@ -184,7 +185,7 @@ def flux_vector(
     the :func:`radiance`. J_z is the radiated power per area, to which only waves with
     |nu| < 1/wavelength contribute (docs/radiometry.md, (E3)). J_z can be negative, and is not zero
     outside the source. The components along the plane are zero for fields that are real up to a
-    constant phase. In the paper the z component of the direction is missing.
+    constant phase. The formula in the paper lacks the z component of the direction.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Cross sections of bodies near a radar, by physical optics and reciprocity (SC3).
+"""Cross sections of bodies near a radar, by physical optics and reciprocity, equation (SC3).
 
 Illuminated parts are divided into pieces on which the exact fields of both antennas are nearly
 plane waves.
@@ -277,7 +277,7 @@ def checked_poses(name: str, positions: ArrayLike, centre: Floats) -> Floats:
 def directions_of(poses: Any) -> Floats:
     """Return unit vectors (..., 3) in the body's frame, from its centre towards the sources."""
     away = -np.einsum("...ji,...j->...i", poses[..., :3, :3], poses[..., :3, 3])
-    # A source at the centre is rejected by check_in_front.
+    # A source at the centre gives NaN here, and is rejected by check_in_front.
     with np.errstate(invalid="ignore"):
         return np.asarray(away / np.linalg.norm(away, axis=-1, keepdims=True))
 
@@ -285,7 +285,7 @@ def directions_of(poses: Any) -> Floats:
 def field_gradient(
     radiator: Radiator, points: Floats, wavelength: float, method: str, tolerance: float
 ) -> Complex:
-    """Return the gradient of the exact field at points by (G6) and (G7), shape (n, 3).
+    """Return the gradient of the exact field at points, equations (G6) and (G7), shape (n, 3).
 
     Points (n, 3) in m and gradient are in the source's frame. The gradient is in the unit of the
     field per m.
@@ -326,7 +326,7 @@ def _derivative(radiator: Radiator, wavelength: float, axis: int) -> Radiator:
     return replace(radiator, elements=tuple(elements))
 
 
-# Pieces per block.
+# Number of pieces per block.
 _BLOCK = 1 << 15
 # Largest number of pieces, which take 4 GB.
 _MOST = 1 << 24
@@ -345,7 +345,7 @@ def near_sums(
     polarisations: tuple[Complex, Complex],
     tolerance: float,
 ) -> Complex:
-    """Return ratios b of received to transmitted amplitude (SC3).
+    """Return ratios b of received to transmitted amplitude, equation (SC3).
 
     ``polarisations``: vectors (..., 3) of receiver and transmitter, normal to their directions from
     the body's centre, which broadcast; the result has the shape (...). At other points, the vectors
@@ -375,9 +375,10 @@ def echo(
     tolerance: float,
     bounces: int,
 ) -> complex:
-    """Return the coupling of two scalar antennas by reflection from a body, -b of (SC3).
+    """Return the coupling of two scalar antennas by reflection from a body: -b of equation (SC3).
 
-    Later reflections, up to ``bounces``, are computed for plane waves from the centre (SC6).
+    Later reflections, up to ``bounces``, are computed for plane waves from the centre, equation
+    (SC6).
     """
     total = near_sums(facets, transmitter, receiver, polarisations, tolerance)
     if bounces > 1:
@@ -403,7 +404,7 @@ def _summed(
     receiver: Antenna,
     polarisations: tuple[Complex, Complex],
 ) -> Complex:
-    """Return the sum over all pieces in (SC3), each divided into four if ``split`` is true."""
+    """Return the sum of equation (SC3) over pieces, each divided into four if ``split`` is true."""
     q, p = polarisations
     total = np.zeros(np.broadcast_shapes(q.shape, p.shape)[:-1], np.complex128)
     for start in range(0, len(pieces), _BLOCK):
@@ -413,7 +414,7 @@ def _summed(
         sent, slope, ahead = transmitter.wave(centre)
         is_same = receiver is transmitter
         back, _, behind = (sent, slope, ahead) if is_same else receiver.wave(centre)
-        # Integral of the receiver's electric field times the currents n x H.
+        # The sum is the integral of the receiver's electric field times the currents n x H.
         if transmitter.jones is not None:
             parts = (back * np.cross(block.vector, slope)).sum(axis=-1)
         else:
@@ -444,7 +445,7 @@ def _illuminated(facets: Facets, transmitter: Antenna, receiver: Antenna) -> Pie
 def _divided(pieces: Pieces, transmitter: Antenna, receiver: Antenna, tolerance: float) -> Pieces:
     """Divide pieces until the fields of both antennas on each piece are nearly plane waves.
 
-    ``tolerance``: largest deviation (SC4). Raises ArgumentError for too many pieces.
+    ``tolerance``: largest deviation, equation (SC4). Raises ArgumentError for too many pieces.
     """
     done, count = [pieces.taken(slice(0))], 0
     while len(pieces):
@@ -463,9 +464,9 @@ def _divided(pieces: Pieces, transmitter: Antenna, receiver: Antenna, tolerance:
 
 
 def _deviation(pieces: Pieces, transmitter: Antenna, receiver: Antenna) -> Floats:
-    """Return the mean relative deviations (n,) of fields from plane waves on each piece (SC4).
+    """Return the mean relative deviation of fields from plane waves on each piece, shape (n,).
 
-    Both antennas' deviations are added.
+    The deviations of both antennas are added, equation (SC4).
     """
     sides = (pieces.first, pieces.second, pieces.second - pieces.first)
     longest = np.max([np.linalg.norm(side, axis=1) for side in sides], axis=0)
@@ -522,10 +523,11 @@ def near_sections(
     tolerance: float,
     normalise: str,
 ) -> tuple[Floats, Floats]:
-    """Return cross sections in m^2 and ratios of received to transmitted power (SC3), shapes (...).
+    """Return cross sections in m^2 and ratios of received to transmitted power, shapes (...).
 
-    The arguments are those of :func:`rcs`, and broadcast. A cross section is infinite or NaN, with
-    a warning, if an antenna has a null at the centre of the body.
+    The arguments are those of :func:`rcs`, and broadcast. The ratios follow from equation (SC3). A
+    cross section is infinite or NaN, with a warning, if an antenna has a null at the centre of the
+    body.
     """
     allowed = tolerance_from(tolerance, _TOLERANCE, _LEAST)
     checked_normalise(normalise)
@@ -559,7 +561,8 @@ def near_sections(
         back.check_in_front(facets, "receiver")
         back = transmitter if is_single else back
         sums = near_sums(facets, transmitter, back, (q[k][:, None], p[k][None]), allowed)
-        # Sum over received polarisations, and mean over transmitted polarisations.
+        # Powers are summed over received polarisations, and averaged over transmitted
+        # polarisations.
         powers[k] = (np.abs(sums) ** 2).sum() / sums.shape[1]
         there_and_back = transmitter.power_at_centre() * back.power_at_centre()
         with np.errstate(divide="ignore", invalid="ignore"):

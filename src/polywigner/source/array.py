@@ -389,11 +389,11 @@ _ROWS = 32
 
 
 def warn_of_overlaps(array: Array) -> None:
-    """Warn if the areas of two elements of an array overlap; not for elements in several planes."""
+    """Warn if two elements of an array overlap; elements in several planes are not tested."""
     if array.repeated is None:
         try:
             elements = array.elements_in_plane
-        # Elements with different poses have no common plane.
+        # Elements with different poses have no common plane, so they are not tested.
         except GeometryError:
             return
         outlines = np.array([_as_polygons(element) for element in elements], object)
@@ -435,8 +435,8 @@ def repeated_element(
     """Return the :func:`phased_array` of an element with a flat wave; overlaps are not checked."""
     if not isinstance(element, Aperture | Slits):
         raise ArgumentError(
-            f"expected an Aperture or Slits to repeat, got {type(element).__name__}; use "
-            "polywigner.Array for other elements"
+            "expected an Aperture or Slits as the element to repeat, got "
+            f"{type(element).__name__}; use polywigner.Array for other elements"
         )
     dimension = 1 if isinstance(element, Slits) else 2
     positions, amplitudes = checked_sites(positions, weights, dimension)
@@ -491,7 +491,7 @@ def segmented_pupil(
     wavelength : float
         Wavelength in m at which the phases of the returned array apply.
     piston : float or array_like, shape (n,), default 0
-        Path length of the wavefront at each segment's centroid in m: 2 d for a mirror segment
+        Path length of the wavefront in m at each segment's centroid: 2 d for a mirror segment
         displaced by d.
     tilt : float or array_like, shape (2,) or (n, 2), default 0
         Slopes of the wavefront along x and y on each segment, dimensionless.

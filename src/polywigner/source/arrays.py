@@ -369,9 +369,9 @@ def focusing_weights(positions: ArrayLike, point: ArrayLike, wavelength: float) 
     if not focus[2] > 0:
         raise ArgumentError(f"{expected}, got {value_text(point)}")
     rays = focus - np.pad(positions, ((0, 0), (0, 1)))
-    # R_k + R
+    # Sum R_k + R of the distances of the focus from element k and from the origin.
     total = np.linalg.norm(rays, axis=1) + np.linalg.norm(focus)
-    # R_k - R = (R_k^2 - R^2)/(R_k + R), without cancellation
+    # The path difference R_k - R equals (R_k^2 - R^2)/(R_k + R), which avoids cancellation.
     path = ((positions - 2 * focus[:2]) * positions).sum(axis=1) / total
     return np.exp(-2j * np.pi * path / checked_length(wavelength, "wavelength"))
 
@@ -517,7 +517,7 @@ def read_elements(
 
 
 def _table_columns(text: str) -> dict[str, Floats]:
-    """Return the columns of a text table by name. Without a line of names, these are x and y."""
+    """Return the columns of a text table by name, which are x and y without a line of names."""
     rows = table_rows(text)
     names = [name.lower() for name in rows[0][1]] if rows else []
     has_names = len(names) != 2 or set(names) & set(_COLUMNS)

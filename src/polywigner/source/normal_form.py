@@ -29,7 +29,7 @@ PublicSource = Aperture | PlacedAperture | Slits | Array | Wavefront
 
 # Largest relative deviation of amplitudes that count as proportional.
 _PROPORTIONAL = 1e-15
-# Smallest number of elements at which they are tested for being copies of one element.
+# Smallest number of elements that are tested for being copies of one element.
 _LEAST_COPIES = 24
 # Largest relative deviations of the vertices and of the amplitudes of elements that count as
 # copies; the phases of shifted amplitudes are rounded as well.
@@ -182,7 +182,8 @@ class Source:
     def copies(self) -> RepeatedElement | None:
         """The elements as shifted copies of one element; None if they are not copies.
 
-        Fewer than 24 elements are not tested, and have None unless they are a phased array.
+        Sources with fewer than 24 elements are not tested; the value is None unless the source is a
+        phased array.
         """
         if self.repeated is not None or len(self) < _LEAST_COPIES:
             return self.repeated

@@ -281,8 +281,8 @@ def taylor_taper(
 
     This takes 2 nbar - 1 waves for each axis. The zeros of the transform are at
     |nu| width = s sqrt(A^2 + (i - 1/2)^2) for i < nbar, then at nbar, nbar + 1, ... The first
-    sidelobe lies at -sll dB, or less than 0.7 dB below it. The others are lower and fall as 1/|nu|
-    from nbar on.
+    sidelobe lies at -sll dB, or less than 0.7 dB below it. All other sidelobes are lower, and fall
+    as 1/|nu| from nbar on.
 
     Parameters
     ----------
@@ -359,14 +359,14 @@ _CONSTANT: _Waves = (np.ones(1), np.zeros(1))
 
 
 def _product_of_waves(along_x: _Waves, along_y: _Waves) -> Illumination:
-    """Return the field that is the product of a sum of waves along x and one along y."""
+    """Return the product of a sum of waves along x and a sum of waves along y as a field."""
     amplitudes = np.multiply.outer(along_x[0], along_y[0])
     frequencies = np.stack(np.meshgrid(along_x[1], along_y[1], indexing="ij"), axis=-1)
     return Illumination(amplitudes.ravel(), frequencies.reshape(-1, 2))
 
 
 def _half_periods(number: int, size: float, sine: bool) -> _Waves:
-    """Return cos, or sin if ``sine``, of number pi (x/size + 1/2) as a sum of waves along x.
+    """Return the cosine (with ``sine``, the sine) of number pi (x/size + 1/2) as waves along x.
 
     For the number 0, the result is the constant 1.
     """
@@ -380,7 +380,7 @@ def _half_periods(number: int, size: float, sine: bool) -> _Waves:
 
 def _taylor_coefficients(decibels: float, nbar: int) -> Floats:
     """Return the coefficients F_1 to F_(nbar - 1) of :func:`taylor_taper`."""
-    # arccosh(10^(sll/20))/pi, without cancellation for small sll
+    # A = arccosh(10^(sll/20))/pi is computed in a form without cancellation for small sll.
     excess = math.expm1(decibels / 20 * math.log(10))
     a = math.log1p(excess + math.sqrt(excess * (2 + excess))) / math.pi
     stretch = nbar**2 / (a**2 + (nbar - 0.5) ** 2)
@@ -412,7 +412,7 @@ class FittedIllumination(NamedTuple):
     """Number of linear combinations of waves that the samples determine."""
     cancellation: float
     """Ratio of sum |c_m| to the rms value of the samples. Errors of transforms grow by this factor,
-    errors of W and A by its square. Values of 1 to 10 are harmless."""
+    and errors of W and A grow by its square. Values of 1 to 10 are harmless."""
 
 
 def fit_illumination(

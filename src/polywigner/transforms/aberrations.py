@@ -558,8 +558,8 @@ def _zernike_modes(
 def _gram_schmidt(modes: ZernikeModes, pupil: Aperture | Array) -> Floats:
     """Return the lower triangular matrix (k, k) that makes k polynomials orthonormal on a pupil.
 
-    New polynomials are the matrix times the old ones, and have unit rms over the area. Raises
-    ArgumentError if the polynomials are linearly dependent on the pupil.
+    The new polynomials are the matrix times the old polynomials, and have unit rms over the area.
+    Raises ArgumentError if the polynomials are linearly dependent on the pupil.
     """
     degree = max(n for n, _ in modes.orders)
     triangles, _ = triangles_of(polygons_of(normal_form(pupil).in_plane.elements))

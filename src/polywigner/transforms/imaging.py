@@ -2,9 +2,9 @@
 
 A condenser illuminates an object with plane waves, one for each point x of its pupil (Koehler
 illumination). A spatial frequency of the object shifts x by a lag xi in the imaging pupil. The
-transmission cross coefficient is the integral of S(x) P(x + xi_1) conj P(x + xi_2) over x, (IM1),
-with the irradiance S in the condenser and the field P in the pupil. It is the area, or the Fourier
-transform, of the intersection of three polygons.
+transmission cross coefficient is the integral of S(x) P(x + xi_1) conj P(x + xi_2) over x, equation
+(IM1), with the irradiance S in the condenser and the field P in the pupil. It is the area, or the
+Fourier transform, of the intersection of three polygons.
 """
 
 from __future__ import annotations
@@ -131,8 +131,8 @@ def transmission_cross_coefficient(
     pairs = [np.broadcast_to(xi, (*shape, 2)).reshape(-1, 2) for xi in both]
     if len(pairs[0]) * system.size > _MOST:
         raise ArgumentError(
-            f"too many pairs of lags: {len(pairs[0])}, at most {_MOST // system.size} for "
-            "this pupil and condenser; pass fewer pairs at once"
+            f"too many pairs of lags: {len(pairs[0])}, but at most {_MOST // system.size} are "
+            "allowed for this pupil and condenser; pass fewer pairs at once"
         )
     lags, number = np.unique(np.concatenate(pairs), axis=0, return_inverse=True)
     values = system.coefficients(lags, *number.reshape(2, -1))
@@ -371,7 +371,7 @@ def _passing_parts(light: Any, pupil: Any, lags: Floats) -> NDArray[Any]:
 
 
 def _polygon_transforms(polygons: Any, frequencies: Any) -> Complex:
-    """Return the Fourier transform of each polygon at its own frequency, (F2)."""
+    """Return the Fourier transform of each polygon at its own frequency, equation (F2)."""
     nu = np.asarray(frequencies, np.float64)
     shapes = np.asarray(polygons, object)
     of, begin, end = edges_around(shapes)
@@ -423,14 +423,14 @@ def _check_orders(count: float, size: int) -> None:
     if not 0.5 * count * (count + 1.0) * size <= _MOST:
         most = int(math.sqrt(2.0 * _MOST / size))
         raise ArgumentError(
-            f"too many diffraction orders of the mask pass the pupil: {count:.6g}, at most "
-            f"{most} for this pupil and condenser; use a smaller condenser or pupil, or a "
-            "shorter period"
+            f"too many diffraction orders of the mask pass the pupil: {count:.6g}, but at "
+            f"most {most} are allowed for this pupil and condenser; use a smaller condenser or "
+            "pupil, or a shorter period"
         )
 
 
 def _check_overlaps(mask: Aperture | Array, lattice: Floats) -> None:
-    """Raise GeometryError if elements of a periodic mask overlap, also those of other periods."""
+    """Raise GeometryError if elements of a periodic mask overlap, within or between periods."""
     if not isinstance(mask, Aperture | Array):
         raise ArgumentError(
             f"expected mask to be an Aperture, or an Array of apertures, got {type(mask).__name__}"

@@ -57,9 +57,9 @@ def fourier(
     The computing time is proportional to the number of edges of an outline, or the number of
     triangles in the faces of a polyhedron, and to the number of waves of the illumination. If the
     illumination of a rectangle is a product of two functions along its sides, the waves along each
-    side are summed separately, (I4). If the frequencies form a grid from ``numpy.meshgrid``, the
-    time per frequency is much shorter for outlines whose edges are parallel and equally long, or
-    parallel to the axes, (F4).
+    side are summed separately, equation (I4). If the frequencies form a grid from
+    ``numpy.meshgrid``, the time per frequency is much shorter for outlines whose edges are parallel
+    and equally long, or parallel to the axes, equation (F4).
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ def _illumination_of(source: Source) -> Illumination | None:
 
 
 def _sum_of_waves(source: Any, nu: Any, how: dict[str, Any]) -> Values:
-    """Return the Fourier transform of a source with an illumination, as a sum over waves, (I1)."""
+    """Return the Fourier transform of a source with an illumination, a sum over waves (I1)."""
     (element,) = normal_form(source).elements
     uniform: Any = element.outline
     total: Values = 0.0
@@ -177,7 +177,7 @@ def _frequency_difference(nu: Any, kappa: Floats) -> tuple[Values, Floats | None
 
 
 def _coherent_sum(array: Array, nu: Any, how: dict[str, Any]) -> Values:
-    """Return the Fourier transform of an array from its elements, (C1), or array factor, (L3)."""
+    """Return the Fourier transform of an array, by equation (C1) or with the array factor (L3)."""
     if array.repeated is not None:
         first, shifts = array.repeated
         plane = in_plane(nu) if shifts.shape[1] == 2 else nu
@@ -321,8 +321,8 @@ def wigner(
     The Wigner function is ``int u(x + xi/2) u*(x - xi/2) exp(-2 pi i nu.xi) d xi``, where u is the
     field on the source. It is computed in closed form, as the Fourier transform of the lag slice at
     x. (Erratum: in the paper's definition of the slice, the matrices M must translate by 2x.) The
-    elements of an Array may overlap, (W2). The computing time is proportional to the number of
-    pairs of edges that can cross. The slice at a position x is computed only once for all
+    elements of an Array may overlap, equation (W2). The computing time is proportional to the
+    number of pairs of edges that can cross. The slice at a position x is computed only once for all
     frequencies.
 
     Parameters
@@ -337,7 +337,7 @@ def wigner(
     through : FirstOrder, optional
         Optical system between the source and the plane of ``x`` and ``nu``. The Wigner function in
         this plane equals the Wigner function of the source, at the position and direction from
-        which the ray comes, (O2). For slits the system must not couple x and y.
+        which the ray comes, equation (O2). For slits the system must not couple x and y.
     wavelength : float, optional
         Wavelength in m; only used together with ``through``.
     precision, engine : str, optional
@@ -399,8 +399,8 @@ def ambiguity(
     xi : array_like, shape (..., d)
         Lags in m, which broadcast against ``upsilon``.
     through : FirstOrder, optional
-        Optical system between the source and the plane of the lags, (O3). For slits the system
-        must not couple x and y.
+        Optical system between the source and the plane of the lags, equation (O3). For slits the
+        system must not couple x and y.
     wavelength : float, optional
         Wavelength in m; only used together with ``through``.
     precision, engine : str, optional
@@ -526,6 +526,6 @@ def energy_of(source: PhaseSpaceSource) -> float:
 
     Rounding errors may make the value negative if the elements cancel each other everywhere.
     """
-    # Compiling a kernel takes longer than computing a single value with NumPy.
+    # The engine is NumPy, because compiling a kernel takes longer than computing a single value.
     lag = np.zeros(kernels.kernel_for("ambiguity", flat_source(source)).dimension)
     return float(np.real(lag_marginal(source, lag, engine="numpy")))

@@ -156,7 +156,8 @@ def _otf_jets(
             values = lag_marginal(source, lags, **how)
         else:
             values = ambiguity(source, -2.0 * bend * lags, lags, **how)
-        # In place, because page faults of another array would take longer than the kernel.
+        # The division is in place, because page faults of another array would take longer than the
+        # kernel.
         values = np.asarray(values)
         values /= checked_energy(source)
         return np.reshape(values + 0j, (-1, 1))
@@ -284,7 +285,7 @@ def _checked_pupil(source: Any) -> PhaseSpaceSource:
     pupil: PhaseSpaceSource = source
     if is_partly_coherent(source):
         raise IlluminationError(
-            "expected a fully coherent pupil, got one with coherence width "
+            "expected a fully coherent pupil, got a pupil with a coherence width of "
             f"{source.coherence_width:g} m: imaging in partially coherent light has no "
             "transfer function; use the attribute .coherent of the pupil, or "
             "polywigner.lag_marginal for the degree of coherence"

@@ -63,7 +63,7 @@ _NEUTRAL = re.compile(
     r"OFA0(?:\.0*)?B0(?:\.0*)?|SFA1(?:\.0*)?B1(?:\.0*)?|LR0(?:\.0*)?|LS1(?:\.0*)?)",
     re.DOTALL,
 )
-# Warnings about statements that gerbonara reads correctly.
+# Pattern of warnings about statements that gerbonara reads correctly.
 _HARMLESS = ".*(Arc is missing|D01 interpolation with a zero-size)"
 # Largest relative difference between the radii at the ends of an arc, due to rounded coordinates.
 _RADII = 1e-3
@@ -119,12 +119,12 @@ def _checked_statements(text: str) -> tuple[str, str]:
                 "export the layer without panels, blocks, transformations and unusual macros",
             )  # fmt: skip
         unit = match["unit"] or unit
-        # gerbonara does not accept one-letter names, or G1 in place of G01.
+        # gerbonara does not accept one-letter names, or G1 in place of G01, so both are rewritten.
         statement = re.sub(rf"^(%AM|%ADD\d+)(?={_NAME})", r"\1M_", statement)
         statement = re.sub(r"^G(?=[123](?:[XYIJD]|$))", "G0", statement)
         statements.append(statement + "*%\n" if statement[0] == "%" else statement + "*\n")
     regions = [words[:3] for words in statements if words in ("G36*\n", "G37*\n")]
-    # gerbonara silently drops regions without G37.
+    # gerbonara silently drops regions without G37, so they raise an error here.
     if regions != ["G36", "G37"] * (len(regions) // 2):
         raise _refusal("each G36 to be followed by G37", "another sequence")
     checked = "".join(statements)
@@ -153,7 +153,8 @@ def _copper(layers: Layers) -> BaseGeometry:
         if not shapes:
             continue
         changed = union_on_grid(shapes)
-        # Only polygons near the shapes change; files with many changes of polarity stay fast.
+        # Only polygons near the shapes are updated, so that files with many polarity changes are
+        # fast.
         is_near = shapely.intersects(copper, shapely.box(*changed.bounds))
         near = list(copper[is_near])
         if dark:
@@ -167,7 +168,7 @@ def _copper(layers: Layers) -> BaseGeometry:
 
 
 def _circle(centre: Any, radius: float, start: float = 0.0, sweep: float = 2 * math.pi) -> Arc:
-    """Return an arc of a circle, by default the full circle; angles in radians."""
+    """Return an arc of a circle, by default the full circle; angles are in radians."""
     u, v = radius * np.eye(2)
     return Arc(np.asarray(centre, dtype=float), u, v, start, sweep)
 
@@ -327,7 +328,7 @@ def load_gerber(file: File) -> Drawing:
         raise
     # gerbonara does not document its exceptions.
     except Exception as error:
-        # The line numbers of gerbonara refer to the rewritten statements.
+        # gerbonara's line numbers are removed, because they refer to the rewritten statements.
         why = re.sub(r"^<unknown>:\d+ ", "", str(error.__cause__ or error).partition("\n")[0])
         raise _refusal("a Gerber file that gerbonara can read", why[:200].rstrip(".")) from None
     polygons = [rings_of_polygon(polygon) for polygon in polygons_in(copper)]

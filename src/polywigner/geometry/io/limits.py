@@ -42,7 +42,7 @@ def check_bytes(size: int, largest: int, kind: str = "") -> None:
 
 
 def check_coordinates(points: NDArray[Any]) -> None:
-    """Raise FileFormatError for coordinates that are not finite or larger than 1e100."""
+    """Raise FileFormatError for coordinates that are not finite or exceed 1e100."""
     # The condition is negated, so that NaN also raises an error.
     if not (np.abs(points) <= LARGEST_NUMBER).all():
         raise FileFormatError(

@@ -120,9 +120,9 @@ class Bezier:
         return Bezier(self.points @ matrix + offset)
 
     def chords(self, distance: float) -> Points:
-        """Return vertices (n, d) at equal parameter steps; chords are within ``distance``.
+        """Return vertices (n, d) of chords within ``distance`` of the curve, at equal steps.
 
-        The number of steps follows from a bound on the second derivative.
+        The number of parameter steps follows from a bound on the second derivative.
         """
         degree = len(self.points) - 1
         second = np.linalg.norm(np.diff(self.points, 2, axis=0), axis=1).max(initial=0.0)
@@ -157,7 +157,7 @@ class Spline:
         t = np.arange(pieces + 1) / pieces
         while True:
             points, midpoints = self.at(t), (t[1:] + t[:-1]) / 2
-            # An upper bound on the distance of the curve from the chord.
+            # This length is an upper bound on the distance of the curve from the chord.
             off = np.linalg.norm(self.at(midpoints) - (points[1:] + points[:-1]) / 2, axis=1)
             if (off <= distance).all():
                 return points
@@ -191,8 +191,8 @@ def chords(curve: Curve, distance: float) -> Points:
 def allowed_distance(outline: Sequence[Curve], tolerance: float | None) -> float:
     """Return the largest distance allowed between an outline and its chords.
 
-    The distance is `tolerance`, or if it is None, 1/2000 of the diagonal of the outline. Raises
-    FileFormatError for coordinates beyond 1e100.
+    The distance is `tolerance`, or 1/2000 of the diagonal of the outline if `tolerance` is None.
+    Raises FileFormatError for coordinates beyond 1e100.
     """
     points = np.concatenate([
         curve.points if isinstance(curve, Bezier | Spline) else sampled(curve, 8)
@@ -246,7 +246,7 @@ class File:
     unit_metres: float
     """Length of the file's unit in metres; ignored if the file itself specifies its unit."""
     tolerance: float | None
-    """Largest distance in metres between a curve and its chords; for None see :func:`flattened`."""
+    """Largest distance in metres between a curve and its chords; see :func:`flattened` for None."""
     layers: tuple[str, ...]
     """Names of the layers to read, even if they are hidden; if empty, all visible layers are
     read."""
@@ -318,7 +318,7 @@ def nested(rings: Sequence[Ring], union: bool = False) -> list[Polygon]:
 
 
 def _join_overlapping(rings: Sequence[Ring]) -> list[Ring]:
-    """Return the rings, holes included, of the unions of outlines that overlap or touch."""
+    """Return the rings (including holes) of the unions of outlines that overlap or touch."""
     polygons = np.array([shapely.Polygon(ring) for ring in rings], dtype=object)
     tree = shapely.STRtree(polygons)
     pairs = [tree.query(polygons, predicate=relation) for relation in ("overlaps", "touches")]

@@ -52,7 +52,7 @@ def load_wkt(file: File) -> Drawing:
 def _drawing_from_text(file: File, parse: Callable[[str], BaseGeometry], expected: str) -> Drawing:
     """Load polygons with a parser of shapely; ``expected``: content, for error messages."""
     try:
-        # NaN is reported later, with its vertex.
+        # NaN causes no warning here, because it raises an error later, which names the vertex.
         with np.errstate(invalid="ignore"):
             geometry = parse(text_of(file.content).strip())
     except (shapely.errors.GEOSException, NotImplementedError) as error:
@@ -138,7 +138,7 @@ _NOT_READ = (".shp", ".dwg", ".svgz", ".pdf", ".eps", ".step", ".stp", ".iges", 
 
 
 def _loader_of(path: Path, content: bytes) -> Callable[[File], Drawing]:
-    """Return the loader of a file, by its suffix or, if this is unknown, by its first bytes.
+    """Return the loader for a file's suffix, or for its first bytes if the suffix is unknown.
 
     Raises FileFormatError for suffixes of unsupported formats.
     """
@@ -221,20 +221,21 @@ def _aperture_of(drawing: Drawing, union: bool) -> Aperture:
     try:
         return build(drawing.metres)
     except GeometryError:
-        # Built again in the unit of the file, so that the message contains the file's coordinates.
+        # The aperture is built again in the unit of the file, so that the message contains the
+        # file's coordinates.
         build(1.0)
         raise
 
 
 def _metres(unit: str | float) -> float:
-    """Return the length in metres of a unit, a name or a length; "px" is a CSS pixel."""
+    """Return the length in metres of a unit (a name or a length); "px" is a CSS pixel."""
     return float(PIXEL) if isinstance(unit, str) and unit.strip() == "px" else parse_unit(unit)
 
 
 def _checked_layers(layer: Any) -> tuple[str, ...]:
     """Return the names of requested layers as a tuple, which is empty for None.
 
-    Raises ArgumentError for other values than names.
+    Raises ArgumentError for values other than names.
     """
     layers = () if layer is None else (layer,) if isinstance(layer, str) else layer
     names = tuple(layers) if isinstance(layers, Iterable) else (layers,)
