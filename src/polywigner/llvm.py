@@ -296,8 +296,8 @@ def probe(path: str) -> tuple[str | None, str | None]:
     tested = child.stdout.split()[-1] if is_usable else None
     problem = None if is_usable else _failure_reason(child)
     if is_usable or child.returncode in _CRASHES:
-        # Other failures are not cached, because users may repair them, such as missing
-        # dependencies.
+        # Other failures, such as missing dependencies, are not cached, because users may repair
+        # them.
         with contextlib.suppress(OSError), atomic_path(cache) as scratch:
             scratch.parent.mkdir(parents=True, exist_ok=True)
             scratch.write_text(json.dumps({"version": tested, "problem": problem}))

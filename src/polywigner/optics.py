@@ -155,7 +155,7 @@ class FirstOrder(Immutable):
         [[-2.0, 0.0], [0.0, 0.0]]
         """
         expected = "expected f to be a focal length in m other than 0, or a pair (f_x, f_y)"
-        powers = -1.0 / checked_pair(f, f"{expected}; inf means no lens") + 0.0
+        powers = -1.0 / checked_pair(f, f"{expected}, with inf for no lens") + 0.0
         axes = turned_points(_ONE, angle)
         if powers[0] == powers[1]:
             return cls([[1.0, 0.0], [powers[0], 1.0]])

@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     import xarray
 
 
-# Largest numbers of samples and of repetitions.
+# Largest number of samples, and largest number of repetitions.
 _MOST = 1 << 20
-# Relative tolerance of intervals and sample rates.
+# Relative tolerance in comparisons of intervals and sample rates.
 _ROUNDING = 1e-9
 # Number of points at which windows over an array are computed before interpolation.
 _WINDOW_POINTS = 1025

@@ -88,7 +88,7 @@ def _gpu_row() -> Row:
     if child.returncode == 0:
         return Row("engine cuda", _GOOD, "an NVIDIA GPU")
     if shutil.which("nvidia-smi") is None:
-        remedy = "If there is one, install its driver: `apt-get install nvidia-driver` on Debian."
+        remedy = "For a GPU, install its driver: `apt-get install nvidia-driver` on Debian."
         return Row("engine cuda", _OPTIONAL, "no NVIDIA driver", remedy)
     problem = f"kernels do not run on the GPU ({_last_line(child.stderr)})"
     return Row("engine cuda", _BAD, problem, "Install an NVIDIA driver 535 or newer.")

@@ -40,8 +40,8 @@ _LEAST_SIDE = 8
 # Largest number of frequencies along each axis of a block. It limits the memory for the tables
 # along the axes.
 _TILE = 512
-# Largest fraction of frequencies too close to the origin for (F4). Such frequencies take 20 times
-# as long.
+# Largest fraction of frequencies that are too close to the origin for equation (F4). Such
+# frequencies take 20 times as long.
 _MOST_BELOW = 1 / 8
 
 PointByPoint = Callable[[Sequence[Array]], Sequence[Array]]
@@ -388,7 +388,7 @@ def _in_row_blocks(
     targets = rows.targets(results)
     for block, arguments in rows.blocks(_LARGE_BLOCK if is_large else _SHARED_BLOCK):
         count = len(range(*block[0].indices(rows.rows)))
-        # Positions far from the source may overflow.
+        # Positions far from the source may cause an overflow.
         with np.errstate(invalid="ignore", over="ignore"):
             sheared = arguments if shear is None else shear(arguments)
             inner = kernel.enter(_HOST, exact.frame, *sheared)

@@ -70,7 +70,8 @@ class _Frozen:
             try:
                 results: Values = self.replayed(*arguments)
             except RuntimeError as error:
-                # If an exception ends the function, Dr.Jit raises a RuntimeError instead.
+                # If an exception ends the function, Dr.Jit raises a RuntimeError, so the original
+                # exception is raised here.
                 raise error.__cause__ or error from None
             return results
 
@@ -434,7 +435,7 @@ def order_by_cell(
     """
     x, y = inner[slices.position]
     host, scale = grid.on_host, key[0].side * slices.scale
-    # The kernel rounds offsets to the grid in the same way.
+    # Offsets are rounded to the grid in the same way as in the kernel.
     tx, ty = (host.step * np.rint((scale / host.step) * c) for c in (x, y))
     # A grid has fewer than 2^16 cells, and NumPy sorts 16-bit integers in linear time.
     cell = cells_at(host, tx, ty).astype(np.uint16)

@@ -125,7 +125,7 @@ class NumpyOperations(_Unfused):
 
     def on_device(self, table: Table) -> Numbers:
         """Return a copy of a table in the memory layout that :meth:`gather` requires."""
-        # Contiguous columns stay in the cache.
+        # Contiguous columns stay in the processor's cache.
         return table.astype(np.float64 if table.dtype.kind == "f" else np.int64, order="F")
 
     def gather(self, table: Any, row: Any) -> Values:
@@ -206,7 +206,8 @@ class RowByRow(Operations):
     and returns the final state. With ``is_sum``, the state consists of sums, which may have
     derivatives."""
 
-    # With some versions of LLVM, dr.minimum and dr.maximum abort the process.
+    # dr.minimum and dr.maximum are not used, because they abort the process with some versions of
+    # LLVM.
     def minimum(self, a: Any, b: Any) -> Numbers:
         """Return the smaller of two values."""
         return self.select(a < b, a, b)

@@ -64,7 +64,7 @@ _QUICK_SAMPLES = 49  # number of samples along an axis during a change
 _SECONDS = 1.0  # longest computing time of a view after a change [s]
 _WIDE: dict[str, Any] = {"sizing_mode": "stretch_width"}
 _FIELD: dict[str, Any] = {"margin": (4, 8), **_WIDE}
-# Ranges of logarithmic sliders.
+# Lower and upper limits of logarithmic sliders.
 _LOG = {"wavelength": (0.05, 50), "width": (0.5, 100), "distance": (1, 1000)}
 
 

@@ -326,7 +326,7 @@ def polygonal(shapes: Any) -> Shapes:
     kinds = shapely.GeometryType.POLYGON, shapely.GeometryType.MULTIPOLYGON
     mixed = ~np.isin(shapely.get_type_id(result), kinds) & ~shapely.is_missing(result)
     parts, owner = shapely.get_parts(result[mixed], return_index=True)
-    # Geometry collections may be nested.
+    # Parts are extracted twice, because geometry collections may be nested.
     parts, inner = shapely.get_parts(parts, return_index=True)
     flat = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
     owner, number = np.unique(owner[inner][flat], return_inverse=True)

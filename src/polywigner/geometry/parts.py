@@ -180,7 +180,8 @@ def _welded(polygons: NDArray[np.object_]) -> NDArray[np.object_]:
     number, near = shapely.STRtree(points[kept]).query(
         polygons, predicate="dwithin", distance=distance
     )
-    # GEOS compares each edge with each reference point, so vertices of the polygon are omitted.
+    # GEOS compares each edge with each reference point, so reference points that are vertices of
+    # the polygon are omitted.
     is_vertex = (coordinates == coordinates[target]).all(axis=1)
     present = (owner * len(kept) + which)[is_vertex]
     missing = ~np.isin(number * len(kept) + near, present)

@@ -502,7 +502,7 @@ def hexagonal_segments(
     has_centre = checked_flag(centre, "centre")
     cells = _hexagon_centres(_count(rings, "rings", 0 if has_centre else 1), has_centre)
     corners = np.array([(2, 0), (1, 1), (-1, 1), (-2, 0), (-1, -1), (1, -1)], dtype=np.float64)
-    # Units of the corner coordinates: half a side along x, half the height along y.
+    # Units of the corner coordinates: half a side along x, and half the height along y.
     unit = np.array([flat / math.sqrt(12.0), flat / 2])
     extra = np.array([space / math.sqrt(12.0), space / 2])
     centres = np.array([(3 * q, m) for q, m in cells], dtype=np.float64)

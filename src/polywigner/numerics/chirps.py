@@ -199,7 +199,7 @@ def _edge_cycles(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Floats:
     for end in (begin, begin + edge):
         first, second = ((q[:, None, k] * end[:, k] - nu[:, None, k]) * edge[:, k] for k in (0, 1))
         most = np.maximum(most, np.maximum(abs(first + second), abs(second)))
-    # Infinite and NaN bounds belong to points whose result is NaN.
+    # Infinite and NaN bounds are ignored, because the results at their points are NaN.
     most = np.where(np.isfinite(most), most, 0.0)
     if (most > _MOST_CYCLES).any():
         raise ArgumentError(

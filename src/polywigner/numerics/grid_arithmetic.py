@@ -16,7 +16,7 @@ import shapely
 
 from polywigner.numerics import Floats
 
-# 2^27 + 1, which splits a 53-bit number into two halves (Veltkamp).
+# The number 2^27 + 1, which splits a 53-bit number into two halves (Veltkamp's method).
 _SPLIT = 134217729.0
 
 

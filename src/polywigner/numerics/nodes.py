@@ -32,8 +32,8 @@ _SIZES = tuple(
     math.ceil(_SMALLEST * 2 ** (k / _STEPS))
     for k in range(math.ceil(_STEPS * math.log2(_LARGEST / _SMALLEST)) + 1)
 )
-# Parameters u of the ellipses of the error bound. The smallest ellipse passes through i. If a
-# singularity lies inside this ellipse, the bound uses _CHORD and _GROWTH.
+# Parameters u of the ellipses of the error bound. The smallest ellipse passes through the imaginary
+# unit i. If a singularity lies inside this ellipse, the bound uses _CHORD and _GROWTH.
 _ELLIPSES = (math.asinh(1.0), 1.2, 1.6, 2.1, 2.8)
 # Bounds for sinh u up to 1: u >= 0.88 sinh u, and sinh u <= 1.135 u.
 _CHORD, _GROWTH = 0.88, 1.135

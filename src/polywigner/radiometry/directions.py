@@ -306,7 +306,7 @@ def _lag_angles(source: PlaneSource | Wavefront, rate: float) -> tuple[Floats, F
 
     ``rate``: bound on the phase derivative of the autocorrelation with respect to the angle.
     """
-    # The autocorrelation has kinks at lags along edges.
+    # The autocorrelation has kinks at lags along edges, so panels of angles end at these lags.
     flat: Any = flat_source(source)
     rings = [ring for element in getattr(flat, "distinct", (flat,)) for ring in element.rings]
     along = np.concatenate([np.roll(ring, -1, axis=0) - ring for ring in rings])

@@ -313,7 +313,7 @@ def _plane_pose(plane: Any) -> Floats:
     """Return the pose (4, 4) of a plane, specified by a pose or by its z in m."""
     if shape_of(plane) == "()":
         pose = np.eye(4)
-        pose[2, 3] = checked_number(plane, "plane", "its z in m, or a (4, 4) pose")
+        pose[2, 3] = checked_number(plane, "plane", "a z coordinate in m, or a (4, 4) pose")
         return pose
     return rigid_pose(plane)
 
@@ -353,7 +353,8 @@ _MICROMETRE = 1e-6
 # Sign of the powers, suffix of the file name, and description in the header.
 _SIGNED = 1, "", "signed"
 _SPLIT = (1, "_positive", "positive part"), (-1, "_negative", "negative part, to be subtracted")
-# Description in headers of polywigner's files: number of drawn rays, and sign of their powers.
+# Pattern of descriptions in headers of polywigner's files: number of drawn rays, and sign of their
+# powers.
 _OURS = re.compile(r"polywigner rays of (\d+): (signed|positive|negative)")
 
 

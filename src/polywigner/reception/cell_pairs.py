@@ -371,7 +371,7 @@ _ORDERS = np.array([2, 3, 4, 5, 6, 8, 10, 12, 15, 18, 22, 26, 32, 38, 46, 56])
 _MOST_PHASE = 70.0
 # Largest ratio of the sum of both cells' half diagonals to the distance between the cells.
 _MOST_RATIO = 4.0
-# Ratio of order to phase [rad] below which no digit is correct. Gauss rules require 1/2.
+# Ratio of order to phase [rad] below which no digit is correct. Gauss rules require a ratio of 1/2.
 _IDLE = 0.25
 # Rounding error of a pair, relative to its sum of moduli.
 _ROUNDING = 1e-15

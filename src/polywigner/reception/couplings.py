@@ -243,7 +243,8 @@ class _Link:
                     values[block] += terms[0]
                     errors[block] += terms[1]
                     limits[block] += terms[2]
-        # The couplings come first, because couplings that would take too long raise an error.
+        # The normalisation is computed last, because couplings that would take too long raise an
+        # error.
         norm = self.norm(self.normalise)
         return values / norm, errors / norm, limits / norm
 

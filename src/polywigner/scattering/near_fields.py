@@ -255,7 +255,7 @@ def checked_poses(name: str, positions: ArrayLike, centre: Floats) -> Floats:
     """
     expected = (
         f"with a source, expected {name} to be vectors (..., 3) in m from the body's centre to the "
-        "source, or as poses (..., 4, 4) that map the body's frame into the source's frame"
+        "source, or poses (..., 4, 4) that map the body's frame into the source's frame"
     )
     array = real_array(positions, expected, (..., 4, 4), (..., 3))
     if array.shape[-2:] == (4, 4):

@@ -177,7 +177,8 @@ class Obliquity:
         a, b, mixed = self.field, self.slope, self.field * self.slope
         p = direction_cosines(normal_form(source).frequencies, wavelength)
         if not b or float(np.abs(p - p[0]).max()) <= _SAME_COSINE:
-            # Python floats, because a NumPy scalar times a Dr.Jit array is a NumPy array.
+            # The coefficients are Python floats, because a NumPy scalar times a Dr.Jit array is a
+            # NumPy array.
             return [(source, Forms(a * a, float(2 * mixed * p[0].real), float(abs(b * p[0]) ** 2)))]
         weighted = times_direction_cosine(source, wavelength)
         if not a:

@@ -172,7 +172,7 @@ def stokes_fields(source: Any, polarisation: Complex) -> list[tuple[Any, Stokes]
     """Return scalar sources and their Stokes vectors, which together form a polarised field.
 
     The Stokes parameters of the field are the sum of irradiance times Stokes vector. For one
-    polarisation per element (n, 2), the sources have the fields u_x, u_y, u_x + u_y and u_x + i u_y,
+    polarisation per element (n, 2), the sources are u_x, u_y, u_x + u_y and u_x + i u_y,
     without zero fields.
     """
     if polarisation.ndim == 1:

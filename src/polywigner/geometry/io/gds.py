@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import gdstk
 
 _LAYER = re.compile(r"\d{1,5}(?:/\d{1,5})?")
-# GDSII record STRANS, and its bits for absolute magnification and angle.
+# Type of the GDSII record STRANS, and mask of its bits for absolute magnification and angle.
 _TRANSFORMATION, _ABSOLUTE = 0x1A, 0x0006
 
 

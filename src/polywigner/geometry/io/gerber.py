@@ -41,7 +41,7 @@ _NUMBER = r"[+-]?\d+"
 _LENGTH = r"\+?(?:\d+\.?\d*|\.\d+)"
 _NAME = r"(?![CROP](?![\w.$-]))[A-Za-z_.$][\w.$-]*"
 
-# Macro blocks that are accepted: gerbonara misreads other exposures, and does not rotate the
+# Pattern of accepted macro blocks. gerbonara misreads other exposures, and does not rotate the
 # centres of polygons.
 _BLOCK = (
     r"\s*(?:(?:\$[1-9]\d*=|0*(?:1|4|20|21),\s*[01],|0*5,\s*[01],[^,*]+,\s*0,\s*0,)"
@@ -57,7 +57,8 @@ _STATEMENT = re.compile(
     rf"|{_NAME}(?:,[+-]?{_LENGTH}(?:X[+-]?{_LENGTH})*)?)"
     rf"|%AM{_NAME}\*{_BLOCK}(?:\*{_BLOCK})*"
 )
-# Statements without effect on the copper: attributes, names, and identity transformations.
+# Pattern of statements without effect on the copper: attributes, names, and identity
+# transformations.
 _NEUTRAL = re.compile(
     r"G90|%(?:T[FAOD].*|[IL]N.*|IPPOS|ASAXBY|MIA0B0|LMN|IR0|SR(?:X1Y1I0J0)?|"
     r"OFA0(?:\.0*)?B0(?:\.0*)?|SFA1(?:\.0*)?B1(?:\.0*)?|LR0(?:\.0*)?|LS1(?:\.0*)?)",
@@ -326,7 +327,7 @@ def load_gerber(file: File) -> Drawing:
         copper = _copper(layer for item in _objects_of(text) for layer in converter.layers(item))
     except (PolywignerError, ImportError):
         raise
-    # gerbonara does not document its exceptions.
+    # gerbonara does not document its exceptions, so all exceptions are caught.
     except Exception as error:
         # gerbonara's line numbers are removed, because they refer to the rewritten statements.
         why = re.sub(r"^<unknown>:\d+ ", "", str(error.__cause__ or error).partition("\n")[0])

@@ -209,7 +209,7 @@ def _ply(content: bytes) -> Mesh:
             name: [_element_row(properties, read) for _ in range(count)]
             for name, count, properties in elements
         }
-    # A StopIteration in a generator becomes a RuntimeError.
+    # A StopIteration in a generator becomes a RuntimeError, so both exceptions are caught.
     except (StopIteration, RuntimeError, struct.error):
         raise _row_count_error("fewer") from None
     if not is_empty():

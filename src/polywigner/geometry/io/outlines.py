@@ -285,7 +285,7 @@ def filled(rings: Sequence[Ring], rule: str) -> list[Polygon]:
     if not rings:
         return []
     if len(rings) == 1 and shapely.is_valid(shapely.Polygon(rings[0])):
-        # Simple outlines are cleaned later, with the aperture.
+        # A simple outline is returned unchanged, because it is cleaned later with the aperture.
         return [rings]
     clean = [clean_ring(ring, "a ring") for ring in rings]
     return [rings_of_polygon(polygon) for polygon in enclosed(clean, rule)]

@@ -180,7 +180,7 @@ def _load_any_format(file: File) -> Drawing:
             "the elements are nested too deeply, or an element contains itself; ungroup the "
             "elements"
         ) from None
-    # The libraries document only a few of their exceptions.
+    # The libraries document only a few of their exceptions, so all exceptions are caught.
     except Exception as error:
         raise FileFormatError(
             f"the library for this format cannot read the file ({type(error).__name__}); the "
@@ -311,7 +311,7 @@ def read_aperture(
     >>> pw.read_aperture(path, unit="mm").bounds
     (0.0, 0.0, 0.004, 0.001)
     """
-    metres, source, expected = _metres(unit), checked_path(path), "metres above zero, such as 1e-5"
+    metres, source, expected = _metres(unit), checked_path(path), "a length in m above zero"
     if tolerance is not None:
         tolerance = checked_length(tolerance, "tolerance", meaning=expected)
     layers, joins = _checked_layers(layer), checked_flag(union, "union")
