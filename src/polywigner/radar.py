@@ -181,7 +181,7 @@ class Pulse(FMCW):
     def noise_gain(self) -> float:
         """Noise power of a spectrum value divided by the noise power of a sample.
 
-        It equals the number of samples.
+        The quotient equals the number of samples.
         """
         return float(self.samples)
 

@@ -194,7 +194,7 @@ class SourceOptions(ReadingOptions, WaveOptions):
 def check_wavelength(wavelength: float, diameter: float) -> None:
     """Warn if a wavelength is implausible for a diameter (both in m).
 
-    Raises ArgumentError if one of them is more than 1e12 times the other.
+    Raises ArgumentError if the wavelength is more than 1e12 times the diameter, or vice versa.
     """
     from polywigner.geometry.arguments import doubt_of_wavelength
 

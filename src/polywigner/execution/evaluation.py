@@ -2,7 +2,7 @@
 
 Arguments are broadcast chunk by chunk, so a call needs memory only for its result and one chunk.
 NumPy always computes in double precision. Fourier transforms on a grid of frequencies use the axes
-of the grid, (F4).
+of the grid, equation (F4).
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class GridPlan:
         return oblique + (oblique < len(self.tables.families))
 
     def keeps_digits(self) -> bool:
-        """Return whether most frequencies are far enough from the origin for (F4)."""
+        """Return whether most frequencies are far enough from the origin for equation (F4)."""
         below = 1.0
         for scale, nu in zip(self.tables.scales, (self.x, self.y), strict=True):
             below *= float(np.mean(np.abs(nu * scale) < self.tables.floor))
@@ -190,7 +190,8 @@ def evaluate(
     Parameters
     ----------
     components : sequence of ndarray
-        Components of the points in float64 or float32. They must broadcast against each other.
+        Components of the points in float64 or float32. The components must broadcast against each
+        other.
     double : bool
         Whether sums and new arrays use float64 instead of float32.
     engine : str

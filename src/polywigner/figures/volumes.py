@@ -289,8 +289,8 @@ def _draw_surface(
 ) -> None:  # fmt: skip
     """Draw an isosurface, closed at the faces of the box.
 
-    The surface is drawn opaque, and the resulting image is made translucent. This hides the back of
-    the surface and the edges of its triangles.
+    The surface is drawn opaque, and the resulting image is made translucent. This method hides the
+    back of the surface and the edges of its triangles.
     """
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
     from skimage.measure import marching_cubes

@@ -218,7 +218,7 @@ class Aperture(TakesWaves):
 
     @property
     def elements_in_plane(self) -> tuple[Aperture, ...]:
-        """Tuple of the elements: only the aperture itself; arrays have several elements."""
+        """Tuple with this aperture as its only element; arrays have several elements."""
         return (self,)
 
     def scaled(self, factor: float) -> Aperture:

@@ -86,7 +86,7 @@ class Silhouette:
     bodies: Indices
     """Index of the body to which each edge belongs, shape (m,)."""
     behind: Indices
-    """Index of the face behind each edge as seen from the source, shape (m,); -1 if none."""
+    """Index of the face behind each edge as seen from the source, or -1, shape (m,)."""
     touching: frozenset[tuple[int, int]] = frozenset()
     """Pairs of bodies whose surfaces touch."""
     planes: Floats = field(default_factory=partial(np.empty, (0, 4)))
@@ -291,9 +291,9 @@ class _Segments(_Columns):
     triangle: Indices
     """Index of the triangle that contains each segment, shape (n,)."""
     side: Indices
-    """Index of the triangle's side on which the segment lies, shape (n,); -1 if none."""
+    """Index of the triangle's side on which the segment lies, or -1, shape (n,)."""
     edge: Indices
-    """Index of the mesh edge on which the segment lies, shape (n,); -1 if none."""
+    """Index of the mesh edge on which the segment lies, or -1, shape (n,)."""
 
     @cached_property
     def length(self) -> Floats:

@@ -495,8 +495,8 @@ def hexagonal_segments(
     Notes
     -----
     The segments are numbered by columns from the lowest to the highest x, and from the lowest to
-    the highest y within a column. This is the order of ``.segments``, and of the pistons and tilts
-    of :func:`polywigner.segmented_pupil`.
+    the highest y within a column. This numbering is the order of ``.segments``, and of the pistons
+    and tilts of :func:`polywigner.segmented_pupil`.
     """
     flat, space = _length(flat_to_flat, "flat_to_flat"), _length(gap, "gap", zero=True)
     has_centre = checked_flag(centre, "centre")

@@ -555,7 +555,7 @@ def contacts(
 def _overlapping_boxes(boxes: Floats, others: Floats, within: float) -> tuple[Indices, Indices]:
     """Return indices (m,) and (m,) of pairs of boxes, at most ``within`` apart along each axis.
 
-    A box (2, 3) is given by its lower and upper corners; the pairs consist of one of ``boxes``
+    A box (2, 3) is given by its lower and upper corners. Each pair consists of one of ``boxes``
     (n, 2, 3) and one of ``others``.
     """
     low, high = boxes[:, 0] - within, boxes[:, 1] + within
@@ -569,7 +569,7 @@ def _near(one: Floats, other: Floats, within: float) -> Iterator[tuple[Floats, F
     """Yield pairs of triangles whose boxes are at most ``within`` apart.
 
     The pairs consist of a triangle of the mesh ``one`` (t, 3, 3) and a triangle of the mesh
-    ``other``. They are yielded in blocks of two arrays (n, 3, 3).
+    ``other``. The pairs are yielded in blocks of two arrays (n, 3, 3).
     """
     boxes = [np.stack([mesh.min(axis=1), mesh.max(axis=1)], axis=1) for mesh in (one, other)]
     rows = []

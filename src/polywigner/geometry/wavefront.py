@@ -122,8 +122,8 @@ class TakesWaves(Immutable):
         Parameters
         ----------
         width : float
-            Coherence width in metres, at which the degree of coherence is exp(-1/2); infinite:
-            fully coherent.
+            Coherence width in metres, at which the degree of coherence is exp(-1/2); inf for full
+            coherence.
 
         Returns
         -------
@@ -171,7 +171,7 @@ class Wavefront(TakesWaves):
     centre : array_like, shape (d,), optional
         Point c in metres; by default the origin.
     coherence_width : float, default inf
-        Coherence width in metres; infinite: fully coherent.
+        Coherence width in metres, inf for full coherence.
     wavelength : float, optional
         Wavelength in metres at which the curvature applies. The curvature is inversely proportional
         to the wavelength. By default, the curvature is the same at all wavelengths.
@@ -199,7 +199,7 @@ class Wavefront(TakesWaves):
     centre: NDArray[np.float64]
     """Point c in metres, shape (d,), read-only, where a curved wave touches the plane."""
     coherence_width: float
-    """Standard deviation in metres of the degree of coherence versus lag; infinite: coherent."""
+    """Coherence width in m (standard deviation of the degree of coherence), inf if coherent."""
     wavelength: float | None
     """Wavelength in metres at which the curvature holds; None if it holds at all wavelengths."""
 
@@ -358,8 +358,8 @@ def _curvature_of(
 ) -> NDArray[np.float64]:
     """Return the curvature matrix (d, d) in 1/m^2 for one radius, or one per axis, in m.
 
-    Its diagonal is 1/(wavelength radius), and 0 for infinite radii. Raises ArgumentError for other
-    radii and wavelengths.
+    The diagonal of the matrix is 1/(wavelength radius), and 0 for infinite radii. Raises
+    ArgumentError for other radii and wavelengths.
     """
     length = checked_wavelength(wavelength)
     axes = "a number" if dimension == 1 else "a number or a pair (radius_x, radius_y)"

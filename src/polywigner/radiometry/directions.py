@@ -204,9 +204,9 @@ def directions_and_weights(lag: float, wavelength: float) -> Iterator[tuple[Floa
     """Yield quadrature nodes on the hemisphere: unit vectors (n, 3) and solid angles (n,).
 
     For a source of size ``lag`` in m, the rule integrates W or |F|^2, also multiplied by
-    polynomials in the vector components, with an error of 1e-14 of the largest value. It has about
-    15 (lag/wavelength)^2 nodes, at least a hundred. Raises ArgumentError for sources that are too
-    large.
+    polynomials in the vector components, with an error of 1e-14 of the largest value. The rule has
+    about 15 (lag/wavelength)^2 nodes, at least a hundred. Raises ArgumentError for sources that are
+    too large.
     """
     check_width(lag, wavelength)
     phase = 2 * math.pi * lag / wavelength

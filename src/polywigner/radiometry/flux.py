@@ -47,11 +47,11 @@ def radiance(
     """Return the radiance of a source at positions x in directions s.
 
     The radiance is ``L(x, s) = W(x, s_par/wavelength)/wavelength^2``, where W is the Wigner
-    function and s_par contains the first two components of s. Its integral over positions and
-    projected solid angle is the power (docs/radiometry.md, (E1)). Like W, it can be negative: only
-    integrals over position or direction are measurable. The paper defines the radiance as
-    W/(4 pi A lambda^2). The factor 4 pi is an error, and the division by the area A gives a mean
-    over the aperture (docs/corrections.md).
+    function and s_par contains the first two components of s. The integral of the radiance over
+    positions and projected solid angle is the power (docs/radiometry.md, (E1)). Like W, it can be
+    negative: only integrals over position or direction are measurable. The paper defines the
+    radiance as W/(4 pi A lambda^2). The factor 4 pi is an error, and the division by the area A
+    gives a mean over the aperture (docs/corrections.md).
 
     Parameters
     ----------
@@ -59,8 +59,8 @@ def radiance(
         Source in the plane z = 0 with |u|^2 in W/m^2. A Wavefront may be curved or partially
         coherent.
     x : array_like, shape (..., 2)
-        Positions in m. They may lie outside the source, since W extends over the automean of the
-        source.
+        Positions in m. Positions may lie outside the source, since W extends over the automean of
+        the source.
     direction : array_like, shape (..., 3)
         Unit vectors with z >= 0; they broadcast against ``x``.
     wavelength : float
@@ -111,8 +111,8 @@ def radiant_intensity(
     """Return the radiant intensity of a source in directions s.
 
     The radiant intensity is ``cos(theta) |F(s_par/wavelength)|^2/wavelength^2``, where F is the
-    Fourier transform of the field, and s_par contains the first two components of s. Its integral
-    over the hemisphere is :func:`power` (docs/radiometry.md, (E2)).
+    Fourier transform of the field, and s_par contains the first two components of s. The integral
+    of the radiant intensity over the hemisphere is :func:`power` (docs/radiometry.md, (E2)).
 
     Parameters
     ----------
@@ -237,7 +237,7 @@ def flux_vector(
 def power(source: PlaneSource | Wavefront, wavelength: float, *, engine: Engine = "auto") -> float:
     """Return the power that a source radiates through a distant hemisphere.
 
-    The power is the integral of :func:`radiant_intensity` over the hemisphere. It equals the
+    The power is the integral of :func:`radiant_intensity` over the hemisphere. The power equals the
     integral of |u|^2 over the source without its evanescent part (docs/radiometry.md, (E4)).
 
     Parameters

@@ -306,7 +306,8 @@ def _concentrated(plane: Floats, core: float, centre: Floats | None) -> tuple[Fl
 def _squared_reach(plane: Floats, centre: Floats) -> Floats:
     """Return squared distances from centres to the unit circle in the directions ``plane``.
 
-    Both have the shape (n, 2); directions are of any length, and centres lie in the unit disc.
+    Directions and centres have the shape (n, 2). Directions have any length, and centres lie in the
+    unit disc.
     """
     length = np.hypot(*plane.T)
     along = np.divide(

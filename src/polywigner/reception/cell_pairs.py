@@ -73,7 +73,7 @@ class Cells:
     def halved(self, cells: Indices) -> tuple[Indices, Indices]:
         """Divide cells; return the new cells, and the indices of their parents in ``cells``.
 
-        Each cell is divided into two or four. Empty parts are omitted.
+        Each cell is divided into two or four cells. Empty parts are omitted.
         """
         distinct, number = np.unique(cells, return_inverse=True)
         halves = [self._halves(int(cell)) for cell in distinct]
@@ -85,8 +85,8 @@ class Cells:
         """Return a cell's nodes (n, 2) in wavelengths, and weights (n,) times the field.
 
         Weights are in square wavelengths. The rule integrates the product of a wave with ``rate``
-        cycles per wavelength and a polynomial of order ``order``. It has ``extra`` additional nodes
-        per side.
+        cycles per wavelength and a polynomial of order ``order``. The rule has ``extra`` additional
+        nodes per side.
         """
         longest = float((self.high[cell] - self.low[cell]).max())
         cycles = _NODE_RATIO * (rate + self.highest_frequency)

@@ -122,8 +122,8 @@ def coupling(
     Parameters
     ----------
     transmitter, receiver : Aperture, Array or Wavefront
-        Sources in the plane z = 0 of their frames, with any illumination or curved wavefront.
-        Each radiates along +z of its frame.
+        Sources in the plane z = 0 of their frames, with any illumination or curved wavefront. Each
+        source radiates along +z of its frame.
     to_transmitter : array_like, shape (..., 4, 4)
         Rigid poses that map the receiver's frame into the transmitter's frame, with translations in
         m. Small deviations from a rigid pose are corrected.
@@ -133,7 +133,8 @@ def coupling(
         Boundary condition: "rayleigh-sommerfeld-1" (default), "rayleigh-sommerfeld-2" or
         "kirchhoff". "fraunhofer" is Friis' formula with phase, for the far-field patterns of
         "rayleigh-sommerfeld-1". For polarised sources, the equivalent currents: "huygens"
-        (default), "magnetic" or "electric", as in :func:`polywigner.field`, with the kernel (RX9).
+        (default), "magnetic" or "electric", as in :func:`polywigner.field`, with the kernel of
+        equation (RX9).
     tolerance : float, default 1e-6
         Allowed relative error, from 1e-12 to 0.1. The error is relative to |b| or to a thousandth
         of ``min(1, sqrt(A_t A_r)/(wavelength R))``, whichever is larger. This minimum is the

@@ -1,8 +1,8 @@
 """Fields scattered by illuminated surfaces after one or several reflections, equation (SC6).
 
 A face reflects a plane wave as a beam, whose cross section is the illuminated polygon. If space is
-unfolded at each mirror, all beams continue along the incident direction. Their cross sections lie
-in the transmitter's image plane and shrink with each reflection.
+unfolded at each mirror, all beams continue along the incident direction. The cross sections of the
+beams lie in the transmitter's image plane and shrink with each reflection.
 """
 
 from __future__ import annotations

@@ -347,11 +347,11 @@ def near_sums(
 ) -> Complex:
     """Return ratios b of received to transmitted amplitude, equation (SC3).
 
-    ``polarisations``: vectors (..., 3) of receiver and transmitter, normal to their directions from
-    the body's centre, which broadcast; the result has the shape (...). At other points, the vectors
-    are projected. For polarised antennas, only the shapes of the vectors are used. If both antennas
-    are the same object, its fields are computed once. The result is NaN, with a warning, if the
-    illuminated polygons cannot be computed.
+    ``polarisations``: vectors (..., 3) of receiver and transmitter, which broadcast and are normal
+    to the directions from the body's centre. The result has the shape (...). At other points, the
+    vectors are projected. For polarised antennas, only the shapes of the vectors are used. If both
+    antennas are the same object, its fields are computed once. The result is NaN, with a warning,
+    if the illuminated polygons cannot be computed.
     """
     try:
         lit = _illuminated(facets, transmitter, receiver)
@@ -583,8 +583,8 @@ def _polarisations(
 ) -> tuple[Pair | tuple[None, None], Pair]:
     """Return Jones vectors, or None for scalar antennas, and polarisation vectors (..., k, 3).
 
-    Both pairs are for receiver and transmitter. Without a polarisation, k is 2, with two
-    perpendicular vectors for each antenna; otherwise k is 1.
+    Each pair consists of a value for the receiver and a value for the transmitter. Without a
+    polarisation, k is 2, with two perpendicular vectors for each antenna; otherwise k is 1.
     """
     both = [spherical_axes(towards) for towards in (to_radar, to_sender)]
     q, p = (np.stack([axes["v"], axes["h"]], axis=-2).astype(np.complex128) for axes in both)

@@ -267,7 +267,7 @@ class Array(TakesWaves):
 
     @cached_property
     def elements_in_plane(self) -> tuple[Any, ...]:
-        """The elements as apertures in the plane z = 0, with their poses applied; or the slits.
+        """The elements, as slits or as apertures in the plane z = 0 with their poses applied.
 
         Raises
         ------
@@ -345,7 +345,8 @@ def phased_array(
         An element with or without an illumination; the curved wave of a Wavefront is copied as
         well.
     positions : array_like, shape (n, d)
-        Shifts of the copies in m, d = 2 for an aperture; for slits (n, 1) or (n,).
+        Shifts of the copies in m, with d = 2 for an aperture. For slits, the shape is (n, 1) or
+        (n,).
     weights : array_like, shape (n,), optional
         Complex weights of the copies; default: all 1.
 

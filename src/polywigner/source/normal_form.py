@@ -129,7 +129,7 @@ class Source:
     """Elements that radiate together, with a common curvature and coherence width."""
 
     content: tuple[SourceElement, ...] | RepeatedElement
-    """The elements; for a phased array the repeated element."""
+    """The elements, or the repeated element of a phased array."""
     dimension: int
     """Number of components of a position: 2, or 1 for slits."""
     curvature: Floats
@@ -137,7 +137,7 @@ class Source:
     centre: Floats
     """Point c in m at which the curved wave touches the plane, shape (d,)."""
     coherence_width: float = np.inf
-    """Standard deviation in m of the degree of coherence versus lag; infinite: coherent."""
+    """Coherence width in m, the standard deviation of the degree of coherence; inf if coherent."""
     wavelength: float | None = None
     """Wavelength in m of the curvature; None: the curvature is the same at all wavelengths."""
     paths: PathLengths | None = None

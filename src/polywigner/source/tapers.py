@@ -140,8 +140,8 @@ def steering(direction: ArrayLike, wavelength: float) -> Illumination:
     Parameters
     ----------
     direction : array_like, shape (3,) or (2,)
-        Unit vector with a positive z, of length 1 within 1e-6; or its components along the
-        aperture; or for slits the sine of the angle.
+        Unit vector with a positive z, of length 1 within 1e-6, or its components along the
+        aperture, or the sine of the angle for slits.
     wavelength : float
         Wavelength in m.
 
@@ -279,7 +279,7 @@ def taylor_taper(
         F_m = (-1)^(m+1)/2 prod_{i < nbar} [1 - m^2/(s^2 (A^2 + (i - 1/2)^2))]
                          / prod_{i < nbar, i != m} [1 - m^2/i^2]
 
-    This takes 2 nbar - 1 waves for each axis. The zeros of the transform are at
+    The taper consists of 2 nbar - 1 waves for each axis. The zeros of the transform are at
     |nu| width = s sqrt(A^2 + (i - 1/2)^2) for i < nbar, then at nbar, nbar + 1, ... The first
     sidelobe lies at -sll dB, or less than 0.7 dB below it. All other sidelobes are lower, and fall
     as 1/|nu| from nbar on.
@@ -439,8 +439,8 @@ def fit_illumination(
     Parameters
     ----------
     points : array_like, shape (n, 2)
-        Positions in m; for slits (n, 1) or (n,). They need not form a grid. The fit is meaningless
-        outside their bounds, so sample up to the edges of the aperture.
+        Positions in m, of shape (n, 1) or (n,) for slits. The positions need not form a grid. The
+        fit is meaningless outside their bounds, so sample up to the edges of the aperture.
     values : array_like, shape (n,)
         Complex field at these points.
     frequencies : array_like, shape (m, d), optional

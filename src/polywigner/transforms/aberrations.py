@@ -404,7 +404,8 @@ def zernike(
     radius : float
         Radius of the disc in m. The polynomials are also defined outside the disc.
     indexing : {"noll", "fringe", "osa"}
-        Numbering of the polynomials. It starts at 1 for "noll" and "fringe", and at 0 for "osa".
+        Numbering of the polynomials. The numbering starts at 1 for "noll" and "fringe", and at 0
+        for "osa".
     orthogonal_on : Aperture or Array, optional
         Pupil on which the polynomials are made orthogonal with unit rms, such as an annular,
         hexagonal or segmented pupil. The Gram-Schmidt method is applied in the order of the
@@ -414,7 +415,7 @@ def zernike(
     Returns
     -------
     Aberration
-        The aberration. Its attribute ``coefficients`` contains the values of the mapping in the
+        The aberration. The attribute ``coefficients`` contains the values of the mapping in the
         same order.
 
     Raises

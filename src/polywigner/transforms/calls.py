@@ -221,8 +221,8 @@ def explain(
     Returns
     -------
     Plan
-        Object with the strings ``strategy``, ``engine`` and ``reason``. Its ``str()`` has three
-        lines.
+        Object with the strings ``strategy``, ``engine`` and ``reason``. The ``str()`` of this
+        object has three lines.
 
     Raises
     ------

@@ -3,8 +3,8 @@
 A condenser illuminates an object with plane waves, one for each point x of its pupil (Koehler
 illumination). A spatial frequency of the object shifts x by a lag xi in the imaging pupil. The
 transmission cross coefficient is the integral of S(x) P(x + xi_1) conj P(x + xi_2) over x, equation
-(IM1), with the irradiance S in the condenser and the field P in the pupil. It is the area, or the
-Fourier transform, of the intersection of three polygons.
+(IM1), with the irradiance S in the condenser and the field P in the pupil. The coefficient is the
+area, or the Fourier transform, of the intersection of three polygons.
 """
 
 from __future__ import annotations
@@ -82,8 +82,8 @@ def transmission_cross_coefficient(
 
     The coefficient of the lags xi_1 and xi_2 is ``T = int S(x) P(x + xi_1) conj P(x + xi_2) dx /
     int S dx``, where P is the field in the pupil and S is the irradiance in the condenser, imaged
-    into the pupil. It is computed in closed form from intersections of polygons, in or out of focus
-    (docs/imaging.md, (IM1)). Source: H. H. Hopkins, Proc. R. Soc. A 217, 408 (1953).
+    into the pupil. The coefficient is computed in closed form from intersections of polygons, in or
+    out of focus (docs/imaging.md, (IM1)). Source: H. H. Hopkins, Proc. R. Soc. A 217, 408 (1953).
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ def partially_coherent_image(
     Parameters
     ----------
     mask : Aperture or Array
-        Apertures that do not overlap. Their weights are the transmitted amplitudes.
+        Apertures that do not overlap. The weights are the transmitted amplitudes.
     period : array_like, shape (2,) or (2, 2)
         Periods along x and y in m, or two vectors of the lattice as rows. The copies of the mask
         must not overlap.
@@ -193,8 +193,8 @@ def partially_coherent_image(
     Returns
     -------
     ndarray of float, shape (...)
-        Irradiance, at least 0. It is relative to the irradiance without a mask, with all light
-        transmitted by the pupil.
+        Irradiance, at least 0. The value is relative to the irradiance without a mask, with all
+        light transmitted by the pupil.
 
     Raises
     ------

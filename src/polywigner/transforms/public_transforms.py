@@ -45,13 +45,13 @@ def fourier(
     """Compute the Fourier transform F(nu) of a source.
 
     The transform is the integral of u(x) exp(-2 pi i nu.x) over the source, where u is the field.
-    It has a closed form at any frequency nu, including zero (docs/theory.md, (F2), (F3), (S1),
-    (C1), (I1)). The error is 1e-13 of the length, area or volume of the source, or 2e-6 in single
-    precision, for any magnitude and direction of nu. Polyhedra and outlines with thin walls, and
-    lattices of more than 100 cycles, lose digits (docs/accuracy.md).
+    The transform has a closed form at any frequency nu, including zero (docs/theory.md, (F2), (F3),
+    (S1), (C1), (I1)). The error is 1e-13 of the length, area or volume of the source, or 2e-6 in
+    single precision, for any magnitude and direction of nu. Polyhedra and outlines with thin walls,
+    and lattices of more than 100 cycles, lose digits (docs/accuracy.md).
 
     In contrast, the paper's eq. (FVT) has the kernel exp(+2 pi i nu.x) and is singular at nu = 0.
-    Its factor (nu/|nu|).n for collections is an obliquity factor, which is not part of the
+    The paper's factor (nu/|nu|).n for collections is an obliquity factor, which is not part of the
     transform (docs/theory/fields.md).
 
     The computing time is proportional to the number of edges of an outline, or the number of
@@ -142,7 +142,7 @@ def _illumination_of(source: Source) -> Illumination | None:
 
 
 def _sum_of_waves(source: Any, nu: Any, how: dict[str, Any]) -> Values:
-    """Return the Fourier transform of a source with an illumination, a sum over waves (I1)."""
+    """Return the Fourier transform of a source as a sum over its plane waves, equation (I1)."""
     (element,) = normal_form(source).elements
     uniform: Any = element.outline
     total: Values = 0.0
@@ -264,15 +264,15 @@ def autocorrelation(
 ) -> Values:
     """Compute the autocorrelation of the field on a source.
 
-    The autocorrelation is R(x, xi) = u(x + xi/2) conj(u(x - xi/2)), where u is the field; it is the
+    The autocorrelation is R(x, xi) = u(x + xi/2) conj(u(x - xi/2)), where u is the field, as in the
     paper's eq. (auto_lag). The source includes its boundary on the left and lower sides, and
     excludes it on the right and upper sides.
 
     Parameters
     ----------
     source : Aperture, Slits, Array or Wavefront
-        The source, with d = 2 for apertures and arrays of apertures, and d = 1 for slits. Its field
-        may be uniform, a sum of plane waves, curved or partly coherent.
+        The source, with d = 2 for apertures and arrays of apertures, and d = 1 for slits. The field
+        of the source may be uniform, a sum of plane waves, curved or partly coherent.
     x : array_like, shape (..., d)
         Positions in m. A position is the midpoint of the two points.
     xi : array_like, shape (..., d)
@@ -319,16 +319,16 @@ def wigner(
     """Compute the Wigner function W(x, nu) of a source.
 
     The Wigner function is ``int u(x + xi/2) u*(x - xi/2) exp(-2 pi i nu.xi) d xi``, where u is the
-    field on the source. It is computed in closed form, as the Fourier transform of the lag slice at
-    x. (Erratum: in the paper's definition of the slice, the matrices M must translate by 2x.) The
-    elements of an Array may overlap, equation (W2). The computing time is proportional to the
-    number of pairs of edges that can cross. The slice at a position x is computed only once for all
-    frequencies.
+    field on the source. The function is computed in closed form, as the Fourier transform of the
+    lag slice at x. (Erratum: in the paper's definition of the slice, the matrices M must translate
+    by 2x.) The elements of an Array may overlap, equation (W2). The computing time is proportional
+    to the number of pairs of edges that can cross. The slice at a position x is computed only once
+    for all frequencies.
 
     Parameters
     ----------
     source : Aperture, Slits, Array or Wavefront
-        The source, with d = 2 for apertures and arrays of apertures, and d = 1 for slits; or the
+        The source, with d = 2 for apertures and arrays of apertures, and d = 1 for slits, or the
         result of :func:`differentiable`.
     x : array_like, shape (..., d)
         Positions in m.
@@ -385,14 +385,14 @@ def ambiguity(
     """Compute the ambiguity function A(upsilon, xi) of a source.
 
     The ambiguity function is ``int u(x + xi/2) u*(x - xi/2) exp(-2 pi i upsilon.x) d x``, where u
-    is the field on the source. It is computed in closed form, as the Fourier transform of the
-    position slice at xi. (Erratum: the paper has x.xi in place of upsilon.x in the kernel.) The
+    is the field on the source. The function is computed in closed form, as the Fourier transform of
+    the position slice at xi. (Erratum: the paper has x.xi in place of upsilon.x in the kernel.) The
     computing time is proportional to twice the number of pairs of edges that can cross.
 
     Parameters
     ----------
     source : Aperture, Slits, Array or Wavefront
-        The source, with d = 2 for apertures and arrays of apertures, and d = 1 for slits; or the
+        The source, with d = 2 for apertures and arrays of apertures, and d = 1 for slits, or the
         result of :func:`differentiable`.
     upsilon : array_like, shape (..., d)
         Real frequency shifts in 1/m.
@@ -445,8 +445,8 @@ def position_marginal(
     Parameters
     ----------
     source : Aperture, Slits, Array or Wavefront
-        The source, with d = 2 for apertures and arrays of apertures, and d = 1 for slits. Its field
-        may be uniform, a sum of plane waves, curved or partly coherent.
+        The source, with d = 2 for apertures and arrays of apertures, and d = 1 for slits. The field
+        of the source may be uniform, a sum of plane waves, curved or partly coherent.
     x : array_like, shape (..., d)
         Positions in m.
     precision, engine : str, optional
@@ -489,8 +489,8 @@ def lag_marginal(
     Parameters
     ----------
     source : Aperture, Slits, Array or Wavefront
-        The source, with d = 2 for apertures and arrays of apertures, and d = 1 for slits. Its field
-        may be uniform, a sum of plane waves, curved or partly coherent.
+        The source, with d = 2 for apertures and arrays of apertures, and d = 1 for slits. The field
+        of the source may be uniform, a sum of plane waves, curved or partly coherent.
     xi : array_like, shape (..., d)
         Lags in m.
     precision, engine : str, optional
@@ -499,8 +499,8 @@ def lag_marginal(
     Returns
     -------
     ndarray, shape (...)
-        Values of R_xi in m^d. They are real for a uniform source, and complex for an Array, an
-        illumination and a curved wave. For Dr.Jit arrays and DataArrays see :func:`fourier`.
+        Values of R_xi in m^d. The values are real for a uniform source, and complex for an Array,
+        an illumination and a curved wave. For Dr.Jit arrays and DataArrays see :func:`fourier`.
 
     Raises
     ------

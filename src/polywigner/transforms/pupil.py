@@ -87,8 +87,8 @@ def otf(
     aberration : Aberration, optional
         Path length in m, in addition to the defocus. Not supported for slits.
     wavelength : float, optional
-        Wavelength in m, for the aberration and for pistons and tilts of segments. It is required
-        with an aberration.
+        Wavelength in m, for the aberration and for pistons and tilts of segments. The wavelength is
+        required with an aberration.
     tolerance : float, default 1e-10
         Allowed error for aberrated pupils, at least 1e-13. The error is estimated with a second
         quadrature rule.
@@ -225,8 +225,8 @@ def mtf(
         / numerical_aperture`` (Abbe's sine condition). For a disc pass its radius as
         ``pupil_radius``.
     aberration : Aberration, optional
-        Path length in m, in addition to the defocus, see :func:`otf`. It is the same at all
-        wavelengths.
+        Path length in m, in addition to the defocus, see :func:`otf`. The path length is the same
+        at all wavelengths.
     weights : array_like, shape (k,), optional
         Weights of the wavelengths, at least 0. By default all weights are equal.
     pixel : float or array_like, shape (d,), default 0

@@ -41,9 +41,9 @@ _BLOCK = 1 << 20
 _EQUAL = 1e-12
 
 Pairing = Callable[[Floats, Floats], tuple[Floats, Floats]]
-"""Function (first frequencies, second frequencies), each of shape (m, 2), of m pairs of waves. It
-returns the frequency shifts of the transform, and the phase rates: the frequencies of a pair's
-phase along the coordinates of a tile."""
+"""Function (first frequencies, second frequencies), each of shape (m, 2), of m pairs of waves. The
+function returns the frequency shifts of the transform, and the phase rates: the frequencies of a
+pair's phase along the coordinates of a tile."""
 
 
 @dataclass(frozen=True, eq=False)

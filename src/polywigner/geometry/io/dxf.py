@@ -350,8 +350,8 @@ def _union_of_hatches(hatches: Sequence[_Shape], painted: Sequence[list[Ring]]) 
 def _closed_rings(paths: Sequence[Path], gap: float, tolerance: float | None) -> list[Ring]:
     """Return rings (n, 2) of closed paths, and of chains of paths whose ends meet.
 
-    ``gap``: largest distance between ends that meet; ``tolerance``: distance of chords from curves,
-    by default relative (:func:`allowed_distance`); both in the drawing's unit. Raises
+    ``gap``: largest distance between ends that meet. ``tolerance``: distance of chords from curves,
+    by default relative (:func:`allowed_distance`). Both distances are in the drawing's unit. Raises
     FileFormatError if an open end does not meet exactly one other end.
     """
     # Paths shorter than the gap count as points and are dropped.

@@ -85,9 +85,9 @@ class Arc:
         The chords are within ``distance`` of the arc. The first vertex of an ellipse is repeated at
         the end.
 
-        The polygon has n = 4 k corners and is scaled by a, with a^2 = x/sin(x) and x = 2 pi/n. Its
-        corners lie outside the ellipse by less than 1.04 (pi/n)^2/3 of the semi-major axis, for n
-        >= 8.
+        The polygon has n = 4 k corners and is scaled by a, with a^2 = x/sin(x) and x = 2 pi/n. The
+        corners of the polygon lie outside the ellipse by less than 1.04 (pi/n)^2/3 of the
+        semi-major axis, for n >= 8.
         """
         if not self.is_closed:
             steps = max(math.sqrt(self.semi_major_axis / (8 * distance)), 1 / _LARGEST_STEP)

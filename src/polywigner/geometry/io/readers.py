@@ -267,9 +267,9 @@ def read_aperture(
         ``.gtl``, ``.gbl`` or ``.art``: the copper of a Gerber layer. The format of any other suffix
         is detected from the content. SVG, DXF, GDSII and Gerber need the extra `formats`.
     unit : str or float, default "mm"
-        Unit of the coordinates: a name ("mm", "um", "in"), a length ("0.1 mm"), or
-        metres; "px" is 1/96 inch. It has no effect for files that specify their unit: SVG with a
-        width or height in mm, cm, Q, in, pt or pc, DXF with $INSUNITS, GDSII and Gerber.
+        Unit of the coordinates: a name ("mm", "um", "in"), a length ("0.1 mm"), or metres; "px" is
+        1/96 inch. The unit has no effect for files that specify their unit: SVG with a width or
+        height in mm, cm, Q, in, pt or pc, DXF with $INSUNITS, GDSII and Gerber.
     tolerance : float, optional
         Largest distance in metres between a curve (SVG, DXF, Gerber) and its chords. The default is
         1/2000 of the diagonal of each outline. Full circles and ellipses keep their area.
