@@ -132,14 +132,14 @@ class FMCW:
     def from_spectrum(self, spectrum: Complex) -> Complex:
         """Convert amplitudes at all frequencies to samples, shape (..., samples).
 
-        For waveforms with one frequency per sample, this returns the argument itself.
+        For waveforms with one frequency per sample, the argument is returned unchanged.
         """
         return spectrum
 
     def to_spectrum(self, signal: Complex) -> Complex:
         """Convert samples, shape (..., samples), to amplitudes at all frequencies.
 
-        For waveforms with one frequency per sample, this returns the argument itself.
+        For waveforms with one frequency per sample, the argument is returned unchanged.
         """
         return signal
 

@@ -34,7 +34,7 @@ def check(source: Aperture | Slits | Array, points: int = 100, seed: int = 0) ->
     The laws, in d dimensions: W is real and bounded by 2^d int |u|^2; A is Hermitian and bounded by
     A(0, 0) = int |u|^2; W(x, 0) and A(0, xi) are the marginals; int W dx = |F(nu)|^2; translations
     only change coordinates and phases; weights of an array act linearly on F and quadratically on
-    W; F(0) of a uniform source is its area. docs/theory/transforms.md derives them.
+    W; F(0) of a uniform source is its area. docs/theory/transforms.md derives the laws.
 
     Parameters
     ----------

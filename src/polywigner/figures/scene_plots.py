@@ -204,7 +204,7 @@ def draw_range_profile(
         Index of the receiver.
     floor_db : float, default -60
         Lowest level in dB relative to the largest bin. The axis extends to 5 dB below the noise if
-        that is lower. Bins below the floor have no line.
+        this level is lower. Bins below the floor have no line.
     title : str, optional
         Title of the panel.
     ax : matplotlib.axes.Axes, default new axes

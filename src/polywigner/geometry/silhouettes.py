@@ -509,9 +509,9 @@ def _cone(points: Floats) -> tuple[Floats, float]:
 def hits(corners: Floats, rays: Floats) -> Iterator[tuple[slice, Floats, Floats]]:
     """Intersect rays (k, 3) from the origin with triangles (t, 3, 3), in blocks of rays.
 
-    Yields slices of the rays; intersections (k, t) as positive fractions of the ray lengths, which
-    may exceed 1 and are infinite if a ray misses a triangle; and the unsigned distances (t,) of the
-    origin from the planes of the triangles.
+    Yields slices of the rays, intersections (k, t), and the unsigned distances (t,) of the origin
+    from the planes of the triangles. Intersections are positive fractions of the ray lengths, which
+    may exceed 1 and are infinite if a ray misses a triangle.
     """
     a, b, c = np.moveaxis(corners, 1, 0)
     sides = [np.cross(b, c), np.cross(c, a), np.cross(a, b)]

@@ -160,7 +160,7 @@ class Wavefront(TakesWaves):
 
     The methods ``curved`` and ``partially_coherent`` of sources make wavefronts. The field of
     ``source`` is multiplied by exp(i pi (x - c)^T Q (x - c)), and the mutual coherence of two
-    points a distance xi apart by exp(-xi^2 / (2 width^2)).
+    points a distance xi apart is multiplied by exp(-xi^2 / (2 width^2)).
 
     Parameters
     ----------

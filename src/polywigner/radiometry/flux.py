@@ -48,10 +48,10 @@ def radiance(
 
     The radiance is ``L(x, s) = W(x, s_par/wavelength)/wavelength^2``, where W is the Wigner
     function and s_par contains the first two components of s. The integral of the radiance over
-    positions and projected solid angle is the power (docs/radiometry.md, (E1)). Like W, it can be
-    negative: only integrals over position or direction are measurable. The paper defines the
-    radiance as W/(4 pi A lambda^2). The factor 4 pi is an error, and the division by the area A
-    gives a mean over the aperture (docs/corrections.md).
+    positions and projected solid angle is the power (docs/radiometry.md, (E1)). Like W, the
+    radiance can be negative: only integrals over position or direction are measurable. The paper
+    defines the radiance as W/(4 pi A lambda^2). The factor 4 pi is an error, and the division by
+    the area A gives a mean over the aperture (docs/corrections.md).
 
     Parameters
     ----------

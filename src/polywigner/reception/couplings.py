@@ -303,7 +303,7 @@ class _Link:
         return result
 
     def _largest(self, sources: tuple[Any, ...], offset: Floats) -> Floats:
-        """Return the largest coupling of two sources of these areas at each distance, at most 1."""
+        """Return the largest coupling (at most 1) of sources with these areas, at each distance."""
         areas = [sum(e.area for e in flat_source(source).elements_in_plane) for source in sources]
         size = math.sqrt(areas[0]) * math.sqrt(areas[1]) / self.wavelength
         return np.minimum(1.0, size / np.linalg.norm(offset, axis=1))
@@ -362,7 +362,9 @@ def _checked_method(method: Any, is_polarised: bool) -> str:
     if method is None:
         return "huygens" if is_polarised else DEFAULT
     if not is_polarised and isinstance(method, str) and method in MODELS:
-        raise ArgumentError(f"method={method!r} requires the argument polarisation")
+        raise ArgumentError(
+            f"method={method!r} requires a polarisation; pass the argument polarisation"
+        )
     return checked_method(method, allowed)
 
 

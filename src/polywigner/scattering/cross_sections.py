@@ -235,7 +235,7 @@ def rcs(
         area, power = near_sections(facets, to_radar, to_transmitter, lengths, *radar)
         return (area[()], power[()]) if return_power else area[()]
     if receiver is not None or return_power:
-        raise ArgumentError("receiver and return_power require the argument source")
+        raise ArgumentError("receiver and return_power require a source; pass the argument source")
     return far_sections(facets, lengths, to_radar, to_transmitter, polarisation, reflections)[()]
 
 

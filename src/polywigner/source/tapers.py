@@ -77,8 +77,9 @@ def direction_of(theta: float, phi: float = 0.0) -> Floats:
 def transverse(direction: Any) -> Floats:
     """Return the components of a direction along the aperture, shape (2,), or (1,) for slits.
 
-    The direction is given as a unit vector (3,), as these components (2,), or as the sine of an
-    angle. Raises ArgumentError for other values, and for vectors behind the aperture.
+    The direction is given as a unit vector (3,), as its components along the aperture (2,), or as
+    the sine of an angle. Raises ArgumentError for other values, and for vectors behind the
+    aperture.
     """
     expected = (
         "expected a direction as a unit vector of shape (3,), its components (2,) along the "

@@ -439,8 +439,8 @@ def position_marginal(
 ) -> Values:
     """Compute the position marginal R_x(x), the integral of the autocorrelation over all lags.
 
-    The position marginal equals the Wigner function W(x, 0). For a uniform source it is the area of
-    the lag slice at x.
+    The position marginal equals the Wigner function W(x, 0). For a uniform source, the marginal is
+    the area of the lag slice at x.
 
     Parameters
     ----------
@@ -482,9 +482,9 @@ def lag_marginal(
 ) -> Values:
     """Compute the lag marginal R_xi(xi), the integral of the autocorrelation over all positions.
 
-    The lag marginal equals the ambiguity function A(0, xi). For a uniform source it is the area of
-    the position slice, which is the area of the source times the optical transfer function of a
-    pupil of this shape.
+    The lag marginal equals the ambiguity function A(0, xi). For a uniform source, the marginal is
+    the area of the position slice, which is the area of the source times the optical transfer
+    function of a pupil of this shape.
 
     Parameters
     ----------

@@ -388,8 +388,8 @@ def strehl(
 
     The Strehl ratio is the irradiance of :func:`psf` on the axis, relative to the irradiance for a
     pupil with the same |u| and no phase, where u is the field in the pupil. With the path length W
-    of the aberration it is ``|int u exp(2 pi i W/lambda)|^2/(int |u|)^2``. Pistons and tilts of
-    segments are aberrations as well.
+    of the aberration, the ratio is ``|int u exp(2 pi i W/lambda)|^2/(int |u|)^2``. Pistons and
+    tilts of segments are aberrations as well.
 
     Parameters
     ----------

@@ -74,7 +74,7 @@ class _Shape:
     """Style of a hatch; None for outlines, which have only one path."""
 
     def transformed(self, matrix: Points, offset: Points) -> _Shape:
-        """Return the image of the shape under p -> p @ matrix + offset."""
+        """Return the image of the shape under the map p -> p @ matrix + offset."""
         images = [
             [[transformed(curve, matrix, offset) for curve in path] for path in paths]
             for paths in self.boundaries

@@ -75,7 +75,7 @@ class Arc:
         return self.centre + np.cos(angles)[:, None] * self.u + np.sin(angles)[:, None] * self.v
 
     def transformed(self, matrix: Points, offset: Points) -> Arc:
-        """Return the image of the curve under p -> p @ matrix + offset."""
+        """Return the image of the curve under the map p -> p @ matrix + offset."""
         centre = self.centre @ matrix + offset
         return Arc(centre, self.u @ matrix, self.v @ matrix, self.start, self.sweep)
 
@@ -116,7 +116,7 @@ class Bezier:
         ) @ self.points
 
     def transformed(self, matrix: Points, offset: Points) -> Bezier:
-        """Return the image of the curve under p -> p @ matrix + offset."""
+        """Return the image of the curve under the map p -> p @ matrix + offset."""
         return Bezier(self.points @ matrix + offset)
 
     def chords(self, distance: float) -> Points:
@@ -146,7 +146,7 @@ class Spline:
         return self.evaluate(np.interp(t * (count - 1), np.arange(count), self.breaks))
 
     def transformed(self, matrix: Points, offset: Points) -> Spline:
-        """Return the image of the curve under p -> p @ matrix + offset."""
+        """Return the image of the curve under the map p -> p @ matrix + offset."""
         evaluate = self.evaluate
         points = self.points @ matrix + offset
         return Spline(points, lambda t: evaluate(t) @ matrix + offset, self.breaks)
@@ -169,7 +169,7 @@ Curve = Points | Arc | Bezier | Spline
 
 
 def transformed(curve: Curve, matrix: Points, offset: Points) -> Curve:
-    """Return the image of a curve under p -> p @ matrix + offset.
+    """Return the image of a curve under the map p -> p @ matrix + offset.
 
     The matrix has shape (d, e) and the offset shape (e,).
     """
