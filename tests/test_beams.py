@@ -126,15 +126,12 @@ def test_what_the_cut_does_not_reach_is_not_a_number():
         (lambda p: pw.beam_metrics(p, efficiency=1.5), "efficiency"),
         (lambda p: pw.beam_metrics(p.isel(theta=slice(0, 2))), "three"),
         (lambda p: pw.beam_metrics(p.where(p.theta > 0.2)), "NaN"),
-        (lambda p: pw.beam_metrics(p.isel(phi=slice(0, 0))), "no angles"),
-        (lambda p: pw.write_pattern(p.isel(phi=slice(0, 0)), "a.cut"), "no angles"),
         (lambda p: pw.write_pattern(p, None), "path"),  # type: ignore[arg-type]
         (lambda p: draw_pattern(p, cuts="x"), "cuts"),  # type: ignore[arg-type]
         (lambda p: draw_pattern(p, cuts=[]), "cuts"),
         (lambda p: draw_hemispheres(p), "draw_pattern"),
         (lambda p: draw_pattern(p, panels=["map"]), "panels"),
         (lambda p: draw_pattern(p, panels=["uv"]), "phi"),
-        (lambda p: draw_pattern(p, panels=[]), "at least one name"),
     ],
 )
 def test_bad_arguments_are_refused(made, words):

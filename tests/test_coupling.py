@@ -186,7 +186,7 @@ def _changed(**entries):
         ([pose(0, 0, 1), pose(0, 0, -1)], "in pose 1"),
         (_changed(m00=-2.0), "scales by .*; scale"),
         (_changed(m00=1.0), "mirror image"),
-        (_changed(m23=math.nan), "NaN or infinite elements"),
+        (_changed(m23=math.nan), "numbers must be finite"),
         (_changed(m30=1.0), "last row"),
         (np.eye(3), r"shape \(3, 3\)"),
     ],

@@ -128,7 +128,6 @@ def test_elements_count_each_alone_and_places_behind_them_for_nothing():
     ("change", "message"),
     [
         ({"cloud": {"power": 1}}, "the result of .*scatterers"),
-        ({"elements": []}, "expected elements"),
         ({"to_world": 2 * np.eye(4)}, "rigid"),
         ({"ranges": [1.0]}, "edges of bins"),
     ],

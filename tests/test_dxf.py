@@ -308,7 +308,7 @@ BAD: dict[str, tuple[Build, type[Exception], str]] = {
                   FileFormatError, "plane drawing"),
     "no block": (lambda s: s.add_blockref("missing", (0, 0)), FileFormatError, "which is missing"),
     "another drawing": (external, FileFormatError, "'OTHER', which is missing, external"),
-    "nan": (lambda s: s.add_circle((0, math.nan), 1), FileFormatError, "finite coordinates"),
+    "nan": (lambda s: s.add_circle((0, math.nan), 1), FileFormatError, "finite numbers"),
     "huge": (lambda s: s.add_circle((0, 0), 1e200), FileFormatError, "below 1e\\+100"),
     "recursion": (recursion, FileFormatError, "contains itself"),
     "width": (lambda s: s.add_lwpolyline(SQUARE, close=True, dxfattribs={"const_width": 0.5}),

@@ -215,7 +215,7 @@ def test_on_an_edge_there_is_half_of_the_field_and_on_a_corner_a_quarter():
 
 
 def test_edges_of_too_many_wavelengths_are_refused_with_a_word_on_units():
-    with pytest.raises(ArgumentError, match=r"edges of the source are too long.*check the unit"):
+    with pytest.raises(ArgumentError, match=r"wavelengths along all edges.*check the unit"):
         pw.amplitude(pw.shapes.square(1.0), (0.0, 0.0, 1.0), 1e-10)
 
 

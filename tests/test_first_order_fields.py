@@ -180,7 +180,7 @@ def test_irradiance_is_the_wigner_functions_marginal(through):
         ({"through": [SPACE, SQUARE, LINE]}, "along one axis.*move the points"),
         (
             {"through": [SPACE, pw.shapes.square(1e3), SPACE]},
-            "pairs of a quadrature node and a point",
+            "pairs of a quadrature node on the stop and a point",
         ),
         ({"source": pw.Slits([(0.0, 1.0)])}, "Slits"),
         (

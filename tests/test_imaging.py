@@ -206,9 +206,7 @@ def test_a_mask_wider_than_its_period_may_leave_room_for_its_copies() -> None:
 @pytest.mark.parametrize("radius", [0.05, 50.0])
 def test_too_large_a_condenser_is_refused_with_both_numbers(radius: float) -> None:
     how: Any = (pw.shapes.square(3e-6), (6e-6, 6e-6), PUPIL, pw.shapes.disc(radius))
-    with pytest.raises(
-        ArgumentError, match=r"orders of the mask pass the pupil: .*, but at most 1448"
-    ):
+    with pytest.raises(ArgumentError, match=r"at most 1448 diffraction orders"):
         pw.partially_coherent_image(*how, [(0.0, 0.0)], WAVELENGTH, DISTANCE)
 
 

@@ -184,7 +184,7 @@ GAUSS = FILM.replace('<rfilter type="box"/>', "")
 WRONG = {
     "no film": (SOURCE + FREQUENCY, "the wigner_receiver sensor has no film"),
     "another filter": (SOURCE + FREQUENCY + GAUSS, "a box filter.*got GaussianFilter"),
-    "no source": (FREQUENCY + FILM, "parameter 'aperture' of a wigner_receiver sensor is missing"),
+    "no source": (FREQUENCY + FILM, "expected exactly one of aperture, source"),
     "a power": (
         SOURCE + FREQUENCY + FILM + '<string name="power" value="1 W"/>',
         "the wigner_receiver sensor has no parameter 'power'; its parameters are aperture",

@@ -330,15 +330,13 @@ def test_arguments_out_of_range_are_errors(options, words):
 def test_objects_too_fast_for_the_sums_are_refused():
     """A target at 90 km/s crosses eight range bins within a chirp of 12.8 us."""
     waveform = radar.FMCW(76e9, 1e9, 64, 5e6)
-    with pytest.raises(ArgumentError, match="range bins within a repetition"):
+    with pytest.raises(ArgumentError, match="range bins of motion within a repetition"):
         pm.radar_cube(
             scene_of(board=plate(3.0, 0.4)), waveform, velocities={"board": (0, 0, 9e4)}, points=50
         )
 
 
-@pytest.mark.parametrize(
-    "arguments", [(np.zeros((3, 3)),), (None, (1,)), (None, (2, 2), (80, 8))], ids=str
-)
+@pytest.mark.parametrize("arguments", [(np.zeros((3, 3)),), (None, (2, 2), (80, 8))], ids=str)
 def test_maps_and_bins_of_detections_are_checked(corner, arguments):
     image = radar.range_doppler(corner[1])
     with pytest.raises(ArgumentError):

@@ -203,7 +203,7 @@ def test_integrals_over_directions_of_too_many_wavelengths_are_refused(wavelengt
         lambda: pw.flux_vector(SQUARE, (0.0, 0.0), wavelength),
         lambda: pw.radiation_pattern(SQUARE, wavelength, [0.0], [0.0]),
     ):
-        with pytest.raises(ArgumentError, match="wavelengths wide"):
+        with pytest.raises(ArgumentError, match="wavelengths across a source"):
             call()
 
 

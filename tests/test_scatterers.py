@@ -185,7 +185,7 @@ def test_files_hold_the_cloud_and_other_files_and_data_are_refused(tmp_path):
     assert [row["shape"] for row in rows] == cloud["shape"].values.tolist()
 
     assert [path.name for path in tmp_path.iterdir()] == ["cloud.csv"]
-    with pytest.raises(ArgumentError, match=r"expected a path with the suffix \.csv or \.nc"):
+    with pytest.raises(ArgumentError, match=r"expected a file with the suffix \.csv, \.nc"):
         pm.write_scatterers(cloud, tmp_path / "cloud.ply")
     with pytest.raises(ArgumentError, match=r"the result of .*scatterers"):
         pm.write_scatterers({"power": 1}, tmp_path / "other.csv")
@@ -196,7 +196,7 @@ def test_files_hold_the_cloud_and_other_files_and_data_are_refused(tmp_path):
     ("options", "message"),
     [
         ({"count": 0}, "count to be a whole number from 1"),
-        ({"count": 10, "seed": -1}, "seed to be an integer of zero or more"),
+        ({"count": 10, "seed": -1}, "seed to be a whole number"),
         ({"count": 10, "receiver": "nobody"}, "receiver to be one of"),
         (
             {"count": 10, "velocities": {"flor": (1, 0, 0)}},

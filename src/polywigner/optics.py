@@ -9,7 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, value_text
-from polywigner.geometry.arguments import Immutable, checked_number, checked_vectors, finite_array
+from polywigner.geometry.arguments import (
+    Immutable,
+    broadcast_shape,
+    checked_number,
+    checked_vectors,
+    finite_array,
+)
 from polywigner.geometry.illumination import turned_points
 
 Matrix = NDArray[np.float64]
@@ -254,10 +260,7 @@ class FirstOrder(Immutable):
         >>> (half @ half).A.round(15).tolist()
         [[0.0, 0.0], [0.0, 0.0]]
         """
-        meaning = "a length in m other than 0"
-        scale = checked_number(f, "f", meaning)
-        if not abs(scale) >= _LEAST:
-            raise ArgumentError(f"expected f to be {meaning}, got {value_text(f)}")
+        scale = checked_number(f, "f", "a length in m other than 0", lambda x: abs(x) >= _LEAST)
         quarters = checked_number(order, "order", "a number of quarter turns")
         turned = turned_points(np.array([[1.0, 0.0]]), math.remainder(quarters, 4.0) * math.pi / 2)
         cosine, sine = turned[0].tolist()
@@ -359,28 +362,15 @@ class FirstOrder(Immutable):
             checked_vectors(x, "expected x of shape (..., 2)", (2,)),
             checked_vectors(s, "expected s of shape (..., 2)", (2,)),
         )
-        try:
-            rays = np.concatenate(np.broadcast_arrays(*both), axis=-1) @ self.matrix.T
-        except ValueError as error:
-            raise ArgumentError(
-                f"expected x and s with shapes that broadcast against each other: {error}"
-            ) from None
+        shape = broadcast_shape(*(part.shape for part in both))
+        rays = np.concatenate([np.broadcast_to(a, shape) for a in both], axis=-1) @ self.matrix.T
         return rays[..., :2], rays[..., 2:]
 
     def __matmul__(self, other: FirstOrder) -> FirstOrder:
-        """Return the system that consists of ``other``, followed by this system.
-
-        Raises ArgumentError if an element of the product overflows.
-        """
+        """Return the system that consists of ``other``, followed by this system."""
         if not isinstance(other, FirstOrder):
             return NotImplemented
-        with np.errstate(over="ignore", invalid="ignore"):
-            product = self.matrix @ other.matrix
-        if not np.isfinite(product).all():
-            raise ArgumentError(
-                "the matrix of the product of these two systems overflows; check the units of "
-                "the systems"
-            )
+        product = self.matrix @ other.matrix
         first, second = abs(self.matrix), abs(other.matrix)
         rounding = (self.rounding + _ULP * first) @ second + first @ other.rounding
         product[abs(product) <= rounding] = 0.0

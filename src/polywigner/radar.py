@@ -21,7 +21,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from polywigner.errors import ArgumentError, require, value_text
-from polywigner.geometry.arguments import checked_choice, checked_count, checked_length
+from polywigner.geometry.arguments import (
+    checked_choice,
+    checked_count,
+    checked_length,
+    checked_number,
+)
 from polywigner.numerics import Complex, Floats
 from polywigner.quantities import SPEED_OF_LIGHT, parse_duration, parse_frequency
 
@@ -85,13 +90,10 @@ class FMCW:
         for name in ("samples", "chirps"):
             checked_count(getattr(self, name), name, 1, _MOST)
         shortest = self.samples / self.sample_rate
+        meaning = f"a time of at least samples/sample_rate, {shortest:.4g} s"
+        least = shortest * (1 - _ROUNDING)
         interval = self.interval or shortest
-        checked_length(interval, "interval", meaning="a time in s above zero")
-        if interval < shortest * (1 - _ROUNDING):
-            raise ArgumentError(
-                f"interval must be at least samples/sample_rate, {shortest:.4g} s, got "
-                f"{interval:.4g} s"
-            )
+        checked_number(interval, "interval", meaning, lambda x: x >= least)
         object.__setattr__(self, "interval", interval)
 
     @property
@@ -426,12 +428,6 @@ def detections(
         If the numbers of bins or the probability are out of range.
     """
     filters = require("scipy.ndimage", "arrays", "detections are found with")
-    if not (hasattr(image, "dims") and len(guard) == len(training) == 2):
-        raise ArgumentError(
-            "expected image to be a DataArray from range_doppler or range_angle, and guard and "
-            f"training as two numbers each, got {type(image).__name__}, {guard!r} and "
-            f"{training!r}"
-        )
     near = [checked_count(n, "guard", 0, _MOST) for n in guard]
     far = [n + checked_count(m, "training", 1, _MOST) for n, m in zip(near, training, strict=True)]
     if any(2 * n >= size for n, size in zip(far, image.shape[-2:], strict=True)):
@@ -439,8 +435,7 @@ def detections(
             "expected fewer guard and training bins than the map has bins, "
             f"{image.shape[-2:]}, got {guard!r} and {training!r} on each side"
         )
-    if not 0 < false_alarm < 1:
-        raise ArgumentError(f"false_alarm must be between 0 and 1, got {value_text(false_alarm)}")
+    checked_number(false_alarm, "false_alarm", "between 0 and 1", lambda x: 0 < x < 1)
     modes = ["wrap" if dim == "range_rate" else "reflect" for dim in image.dims[-2:]]
 
     def sums(half_widths: list[int]) -> tuple[Floats, int]:

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from polywigner import transforms
-from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, Slits
-from polywigner.geometry.arguments import checked_count
+from polywigner.geometry.arguments import checked_count, checked_type
 from polywigner.numerics import Floats
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
@@ -57,8 +56,7 @@ def check(source: Aperture | Slits | Array, points: int = 100, seed: int = 0) ->
     >>> import polywigner as pw
     >>> pw.testing.check(pw.shapes.u_shape(20e-3, 12e-3, 3e-3))
     """
-    if not isinstance(source, (Aperture, Slits, Array)):
-        raise ArgumentError(f"expected an Aperture, Slits or an Array, got {type(source).__name__}")
+    checked_type(source, "an Aperture, Slits or an Array", Aperture, Slits, Array)
     checked_count(points, "points", 1)
     for law, left, right, allowed, arguments in _laws(source, points, seed):
         off = np.abs(np.asarray(left) - np.asarray(right))

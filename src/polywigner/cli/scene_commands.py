@@ -14,7 +14,7 @@ import typer
 
 from polywigner.cli import options
 from polywigner.cli.options import Text, Texts
-from polywigner.cli.sources import check_wavelength, frequency_text, short_name
+from polywigner.cli.sources import frequency_text, short_name
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.quantities import parse_frequency, parse_noise
 
@@ -142,6 +142,8 @@ def _emitter_parameters(scene: Any, name: str) -> list[Any]:
 
     Raises SceneError if there are no emitters.
     """
+    from polywigner.geometry.arguments import warn_of_wavelength
+
     specs = [emitter.spec for emitter in scene.emitters() if hasattr(emitter, "spec")]
     if not specs:
         raise SceneError(
@@ -149,7 +151,7 @@ def _emitter_parameters(scene: Any, name: str) -> list[Any]:
             "Mitsuba itself"
         )
     for spec in specs:
-        check_wavelength(spec.wavelength, spec.support.diameter)
+        warn_of_wavelength(spec.source, spec.wavelength)
     return specs
 
 
@@ -232,11 +234,6 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
     jones = settings.polarisation
     variant = choose_variant(settings.variant, jones is not None and settings.variant is None)
     polarised = is_polarised(variant)
-    if jones is not None and not (polarised or settings.coherent):
-        raise ArgumentError(
-            f"in the unpolarised variant {variant}, --polarisation requires --coherent; add "
-            "--coherent, or omit --variant"
-        )
     by_scene, by_argument = (jones, None) if polarised else (None, jones)
     response = None
     with settings.running(variant, files[0]) as store:

@@ -205,7 +205,7 @@ def evaluate(
         Function that converts the components to the arguments of the kernel, block by block if
         slices are shared.
     """
-    shape = np.broadcast_shapes(*[c.shape for c in components])
+    shape = np.broadcast(*components).shape
     dtype = np.float64 if double else np.float32
     results = tuple(into or [np.empty(shape, dtype) for _ in range(outputs)])
     samples, is_explained = math.prod(shape), _is_explained.get()
@@ -283,7 +283,7 @@ def _on_numpy(
     with np.errstate(invalid="ignore", over="ignore"):
         if shear is not None:
             components = shear(components)
-        shape = np.broadcast_shapes(*[c.shape for c in components])
+        shape = np.broadcast(*components).shape
         flat = []
         for c in components:
             c = c if c.shape == shape else np.broadcast_to(c, shape)
@@ -393,22 +393,12 @@ def _in_row_blocks(
         with np.errstate(invalid="ignore", over="ignore"):
             sheared = arguments if shear is None else shear(arguments)
             inner = kernel.enter(_HOST, exact.frame, *sheared)
-            position = [np.broadcast_to(p, (count, 1))[:, 0] for p in inner[slices.position]]
             if compiled is not None:
-                yield (
-                    targets,
-                    block,
-                    compiled.of_parts(inner, *slices.listed(_HOST, exact, *position)),
-                )
+                position = [np.broadcast_to(p, (count, 1))[:, 0] for p in inner[slices.position]]
+                fetch = compiled.of_parts(inner, *slices.listed(_HOST, exact, *position))
+                yield targets, block, fetch
                 continue
-            nu = [
-                np.broadcast_to(n, np.broadcast_shapes(n.shape, (1, 1)))
-                for n in inner[slices.frequency]
-            ]
-            sums = slices.shared_sums(_HOST, exact, position, nu)
-            for argument in (*inner[slices.position], *nu):
-                if not np.isfinite(argument).all():
-                    sums = tuple(total + (argument - argument) for total in sums)
+            sums = slices(_HOST, exact, *inner)
             values = kernel.leave(_HOST, exact.frame, inner, sums)
         yield targets, block, ready(tuple(values[: len(results)]))
 

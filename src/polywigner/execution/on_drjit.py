@@ -24,7 +24,7 @@ from polywigner.execution.chunks import Fetch, Launched, array_of, parts_of_resu
 from polywigner.execution.drjit_operations import LANE, MOST_TERMS_AS_CODE, DrjitOperations
 from polywigner.execution.operations import Drjit, NumpyOperations
 from polywigner.kernels import Kernel
-from polywigner.kernels.cut.pair_grid import PairGrid, cells_at
+from polywigner.kernels.cut.pair_grid import PairGrid
 from polywigner.kernels.cut.winding import Pass, pairs_of
 from polywigner.kernels.functions.fourier import OutlineTables
 from polywigner.kernels.functions.slices import MOST_PAIRS_AS_CODE, SliceSum
@@ -34,9 +34,12 @@ from polywigner.numerics import phases
 # Largest number of cached functions, and largest number of recordings of each function. Arguments
 # with a single entry require a separate recording.
 _MOST, _MOST_RECORDINGS = 64, 8
-# Number of samples per chunk. Launching a kernel takes little time compared with such a chunk. The
-# arguments of a chunk take some 10 MB.
-CHUNK = 1 << 18
+# Numbers of samples per chunk: if samples are sorted by cell, and for edges as code. Launching a
+# kernel takes little time compared with such a chunk. The arguments of a chunk take some 10 MB and
+# 5 MB. Sorted chunks are larger because each cell then contains more samples. If code used such
+# chunks, the C library would return their memory to the system, and new memory would take a third
+# of the time.
+CHUNK, _CHUNK_OF_CODE = 1 << 18, 1 << 17
 
 Array = npt.NDArray[Any]
 Values = tuple[Any, ...]
@@ -167,7 +170,7 @@ class OnDrjit:
         run: Callable[..., tuple[Any, ...]] = self._traced
         if self.is_code and not prevents_recording(kind):
             run = frozen(self._traced, (self.kernel, self.tables), kind)
-        for arguments, targets in parts_of_results(components, results, CHUNK):
+        for arguments, targets in parts_of_results(components, results, _CHUNK_OF_CODE):
             yield (
                 targets,
                 ...,
@@ -433,12 +436,12 @@ def order_by_cell(
     If ``is_grouped`` is true, the result has the shape (4, m), and each column contains samples of
     the same cell. The last sample of a cell is repeated to fill its last column.
     """
-    x, y = inner[slices.position]
-    host, scale = grid.on_host, key[0].side * slices.scale
+    cells = grid.cell_map
+    scale = key[0].side * slices.scale / cells.step
     # Offsets are rounded to the grid in the same way as in the kernel.
-    tx, ty = (host.step * np.rint((scale / host.step) * c) for c in (x, y))
+    offsets = cells.step * np.rint(scale * np.stack(inner[slices.position]))
     # A grid has fewer than 2^16 cells, and NumPy sorts 16-bit integers in linear time.
-    cell = cells_at(host, tx, ty).astype(np.uint16)
+    cell = cells.at(offsets).astype(np.uint16)
     order = np.argsort(cell, kind="stable")
     if not is_grouped:
         return order

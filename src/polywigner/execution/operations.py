@@ -8,7 +8,8 @@ any backend (module `drjit_operations`).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Iterator, Sequence
+import sys
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -25,6 +26,20 @@ Numbers: TypeAlias = Any
 """Numbers that a kernel can process: NumPy arrays, Python floats or Dr.Jit arrays."""
 Drjit: TypeAlias = Any
 """A Dr.Jit array of any variant of Mitsuba, or a Python number or vector in scalar variants."""
+
+
+def is_drjit(value: object) -> bool:
+    """Return whether a value is a Dr.Jit array, without importing Dr.Jit."""
+    return has_drjit((value,))
+
+
+def has_drjit(values: Iterable[object]) -> bool:
+    """Return whether any of the values is a Dr.Jit array."""
+    # While another thread imports Dr.Jit, the module may lack names.
+    is_array = getattr(sys.modules.get("drjit"), "is_array_v", None)
+    return is_array is not None and any(map(is_array, values))
+
+
 Array = npt.NDArray[Any]
 Table = npt.NDArray[Any]
 Row = tuple[float, ...]

@@ -20,6 +20,7 @@ from shapely.geometry.base import BaseGeometry
 import polywigner as pw
 from polywigner import errors
 from polywigner.geometry import Aperture, shapes
+from polywigner.geometry.arguments import check_most
 from polywigner.geometry.io.outlines import nested
 from polywigner.geometry.parts import polygons_in
 from polywigner.geometry.rings import rings_of_polygon
@@ -94,12 +95,8 @@ class State:
     def __post_init__(self) -> None:
         rings = tuple(tuple((float(x), float(y)) for x, y in ring) for ring in self.rings)
         object.__setattr__(self, "rings", rings)
-        count = sum(map(len, rings))
-        if count > MAX_VERTICES:
-            raise errors.ArgumentError(
-                f"the outlines have {count} vertices, but at most {MAX_VERTICES} are allowed on "
-                "the page; use the command `polywigner transform`"
-            )
+        remedy = "use the command `polywigner transform`"
+        check_most(sum(map(len, rings)), MAX_VERTICES, "vertices on the page", remedy)
         self.wavelength  # noqa: B018 (raises an error if the wave cannot be parsed)
 
     @property
@@ -236,11 +233,7 @@ def source_code(state: State) -> str:
     Raises PolywignerError if the outlines are not polygons or the array is too large.
     """
     count = state.columns * state.rows
-    if count > MAX_ELEMENTS:
-        raise errors.ArgumentError(
-            f"the array has {count} elements, but at most {MAX_ELEMENTS} are allowed; reduce "
-            "its rows or columns"
-        )
+    check_most(count, MAX_ELEMENTS, "elements of the array", "reduce its rows or columns")
     lines = [f"wavelength = {state.wavelength!r}  # m", "source = pw.Aperture([  # m"]
     for exterior, *holes in polygons_of(aperture_of(state.rings, state.per_metre).polygons):
         inner = f", {[ring.tolist() for ring in holes]}" if holes else ""

@@ -70,10 +70,6 @@ class Comparison:
         arrays = {
             str(name): array.squeeze() for name, array in checked_dataset(dataset).data_vars.items()
         }
-        if not arrays:
-            raise ArgumentError(
-                "the dataset contains no field to draw; expected at least one variable"
-            )
         first = next(iter(arrays.values()))
         quantity, unit = quantity_of(first), printed_unit(first)
         for name, array in arrays.items():

@@ -13,6 +13,7 @@ from polywigner.geometry.arguments import (
     checked_array,
     checked_length,
     checked_number,
+    checked_type,
     checked_vectors,
 )
 from polywigner.numerics import Floats
@@ -117,11 +118,10 @@ def checked_dataset(dataset: Any) -> xarray.Dataset:
     """Return a dataset; raise ArgumentError for other types."""
     import xarray
 
-    if not isinstance(dataset, xarray.Dataset):
-        raise ArgumentError(
-            f"expected dataset to be an xarray.Dataset, got {type(dataset).__name__}"
-        )
-    return dataset
+    result: xarray.Dataset = checked_type(
+        dataset, "dataset to be an xarray.Dataset", xarray.Dataset
+    )
+    return result
 
 
 class Difference(NamedTuple):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, value_text
+from polywigner.errors import ArgumentError
 from polywigner.figures import style
 from polywigner.figures.levels import check_floor, dbm, image_peak, level_db
 from polywigner.geometry.arguments import checked_array, checked_count
@@ -372,10 +372,6 @@ def _view_limits(
 
 def _mark_paths(axes: Any, direct: Sequence[DirectArrival]) -> list[Annotation]:
     """Draw a circle and a label for each path, and return the labels."""
-    if not isinstance(direct, Sequence) or not all(isinstance(d, DirectArrival) for d in direct):
-        raise ArgumentError(
-            f"expected direct to be a sequence of DirectArrival objects, got {value_text(direct)}"
-        )
     labels = []
     for arrival in direct:
         axes.plot(*arrival.direction_cosines, "o", mfc="none", mec=_MARK, ms=7, mew=1.2)

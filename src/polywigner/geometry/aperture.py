@@ -11,8 +11,15 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, GeometryError, IlluminationError
-from polywigner.geometry.arguments import Immutable, Outline, checked_length, frozen, rigid_pose
+from polywigner.errors import GeometryError, IlluminationError
+from polywigner.geometry.arguments import (
+    Immutable,
+    Outline,
+    checked_length,
+    checked_type,
+    frozen,
+    rigid_pose,
+)
 from polywigner.geometry.convex import convex_pieces, mean_polygon, triangulate_part
 from polywigner.geometry.illumination import (
     Illumination,
@@ -454,11 +461,8 @@ class PlacedAperture(Immutable):
 
 def _require_aperture(aperture: Aperture) -> None:
     """Raise ArgumentError if the argument is not an Aperture."""
-    if not isinstance(aperture, Aperture):
-        raise ArgumentError(
-            f"expected an Aperture, got {type(aperture).__name__}; make one with "
-            "polywigner.Aperture(vertices), or pass the support of an Array"
-        )
+    advice = "make one with polywigner.Aperture(vertices), or pass the support of an Array"
+    checked_type(aperture, "an Aperture", Aperture, advice=advice)
 
 
 def automean(aperture: Aperture) -> Aperture:

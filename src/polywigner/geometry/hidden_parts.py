@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from shapely.errors import GEOSException
 from shapely.geometry.base import BaseGeometry
 
-from polywigner.errors import ArgumentError
+from polywigner.geometry.arguments import check_most
 from polywigner.numerics import Floats, Indices
 
 Shapes = NDArray[np.object_]
@@ -86,12 +86,8 @@ def in_perspective(corners: Floats, frame: Floats, distance: float, size: float)
     return Projected(points, distance * (1 - scale), size, z / distance)
 
 
-def _too_many_overlaps(triangles: int) -> ArgumentError:
-    """Return the error for bodies with too many triangles that hide each other."""
-    return ArgumentError(
-        f"too many of the {triangles} triangles of the bodies overlap in projection; remove "
-        "hidden surfaces, or simplify the mesh"
-    )
+# Advice for bodies with too many triangles that hide each other.
+_SIMPLER = "remove hidden surfaces, or simplify the mesh"
 
 
 def _overlapping_pairs(projected: Projected, polygons: Shapes) -> tuple[Indices, Indices]:
@@ -108,8 +104,7 @@ def _overlapping_pairs(projected: Projected, polygons: Shapes) -> tuple[Indices,
         apart = _are_separated(projected, one, other) | _are_separated(projected, other, one)
         pairs.append(np.stack([one[~apart], other[~apart]]))
         total += pairs[-1].shape[1]
-        if total > _MOST_PAIRS:
-            raise _too_many_overlaps(len(polygons))
+        check_most(total, _MOST_PAIRS, "pairs of triangles that overlap in projection", _SIMPLER)
     one, other = np.concatenate(pairs, axis=1)
     return one, other
 
@@ -195,8 +190,8 @@ def visible_parts(
     """
     one, other = _overlapping_pairs(projected, polygons if boxes is None else boxes)
     hidden, before = np.concatenate([one, other]), np.concatenate([other, one])
-    if float((np.bincount(hidden).astype(np.float64) ** 2).sum()) > _MOST_CROSSINGS:
-        raise _too_many_overlaps(len(polygons))
+    crossings = float((np.bincount(hidden).astype(np.float64) ** 2).sum())
+    check_most(crossings, _MOST_CROSSINGS, "crossings of edges in projection", _SIMPLER)
     hidden, shadows = _nearer_parts(projected, hidden, before)
     if not len(hidden):
         return hidden, shadows

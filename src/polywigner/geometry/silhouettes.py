@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.aperture import PlacedAperture, triangulate
+from polywigner.geometry.arguments import checked_type
 from polywigner.geometry.contours import Silhouette, Surface, net_contours
 from polywigner.geometry.parts import connected
 from polywigner.geometry.polyhedron import (
@@ -227,25 +228,21 @@ def bodies_if_any(bodies: Any) -> tuple[Polyhedron | PlacedAperture, ...]:
 
 
 def listed_bodies(bodies: Any) -> tuple[Polyhedron | PlacedAperture, ...]:
-    """Return one obstacle, or a list of them, as a tuple.
+    """Return a body or plate, or a list of them, as a tuple.
 
     Raises ArgumentError for other objects and for an empty list.
     """
     listed = tuple(bodies) if isinstance(bodies, (list, tuple)) else (bodies,)
     if not listed:
-        raise ArgumentError(
-            "expected at least one obstacle, got an empty list; omit the argument obstacles"
-        )
+        raise ArgumentError("expected at least one body or plate, got an empty list")
     for body in listed:
-        if not isinstance(body, (Polyhedron, PlacedAperture)):
-            raise ArgumentError(
-                "expected obstacles to be Polyhedra and placed apertures, got "
-                f"{type(body).__name__}; call the method `placed` of an Aperture"
-            )
+        expected = "bodies and plates to be Polyhedra and placed apertures"
+        advice = "call the method `placed` of an Aperture"
+        checked_type(body, expected, Polyhedron, PlacedAperture, advice=advice)
         if isinstance(body, PlacedAperture) and body.aperture.illumination is not None:
             raise ArgumentError(
-                "expected obstacles without illuminations, got an aperture with an "
-                "illumination; pass only its outline"
+                "expected plates without illuminations, got an aperture with an illumination; "
+                "pass only its outline"
             )
     return listed
 

@@ -58,7 +58,8 @@ def _sine_of_reduced(ops: Any, r: Any) -> Number:
 
 def sin_cycles(ops: Any, cycles: Any) -> Number:
     """Return sin(2 pi cycles)."""
-    return _sine_of_reduced(ops, cycles - ops.round(cycles))
+    r = cycles - ops.round(cycles)
+    return np.sin(2 * math.pi * r) if ops.target == "numpy" else _sine_over_reduced(ops, r) * r
 
 
 def cos_sin_cycles(ops: Any, cycles: Any) -> tuple[Any, Any]:

@@ -14,6 +14,7 @@ from polywigner.geometry.arguments import (
     checked_count,
     checked_generator,
     checked_number,
+    checked_type,
     checked_wavelength,
     takes_frequency,
 )
@@ -125,11 +126,7 @@ def array_tolerance(
     >>> round(tolerance.attrs["peak_loss"], 3)  # dB
     0.171
     """
-    if not isinstance(array, Array):
-        raise ArgumentError(
-            f"expected an Array of apertures, got {type(array).__name__}; create an Array with "
-            "phased_array"
-        )
+    checked_type(array, "an Array of apertures", Array, advice="create an Array with phased_array")
     source, length = checked_source(array), checked_wavelength(wavelength)
     assert isinstance(source, Array)
     errors = _checked_errors(amplitude=amplitude, phase=phase, position=position, dead=dead)

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner import execution
-from polywigner.errors import ArgumentError
 from polywigner.execution import NumpyOperations
 from polywigner.execution.choice import resolved
 from polywigner.execution.progress import with_progress
 from polywigner.geometry import Aperture
+from polywigner.geometry.arguments import check_most
 from polywigner.kernels.boundary import integrals
 from polywigner.kernels.boundary.steepest_descent import steepest_edge_sum
 from polywigner.kernels.kernel import Kernel
@@ -311,11 +311,9 @@ def _by_edge_sums(
     # Weight of the second boundary term of (B3), which is absent in Fresnel fields.
     second_term = OBLIQUITIES[method].field if method in OBLIQUITIES else 0.0
     cycles, most = radiator.perimeter / wavelength, _MOST_PANELS * _STRATA[-1][1]
-    if not (paraxial or cycles <= most):
-        raise ArgumentError(
-            f"the edges of the source are too long: {cycles:.3g} wavelengths in all, at most "
-            f"{most:.3g} are allowed; check the unit of the wavelength"
-        )
+    if not paraxial:
+        things = "wavelengths along all edges of the source"
+        check_most(cycles, most, things, "check the unit of the wavelength")
     edges = _TERMS * sum(element.edges for element in radiator.elements)
     chosen = resolved(engine, len(points), edges)
     edge_sums = partial(_edge_sums, radiator, wavelength, second_term, paraxial, chosen)

@@ -17,7 +17,7 @@ from polywigner.errors import ArgumentError
 from polywigner.execution import Engine
 from polywigner.execution.progress import with_progress
 from polywigner.geometry import Aperture, Wavefront, triangulate
-from polywigner.geometry.arguments import checked_wavelength
+from polywigner.geometry.arguments import check_most, checked_wavelength
 from polywigner.numerics import Complex, Floats
 from polywigner.numerics.chirps import waves_of_cycles
 from polywigner.numerics.nodes import gauss_rule, node_count
@@ -405,12 +405,8 @@ def _stop_rule(
     elements = normal_form(stop).in_plane.elements
     triangles = [corners[t] for corners, t in (triangulate(e.shape) for e in elements)]
     work = sum(node_count(part, rate, extra) for part in triangles) * lattice.work
-    if not work <= _MOST_WORK:
-        raise ArgumentError(
-            f"the stop requires {work:.1e} pairs of a quadrature node and a point, at most "
-            f"{_MOST_WORK:.0e} are allowed; use fewer points, points on a grid along x and y, or "
-            "a smaller source or stop"
-        )
+    remedy = "use fewer points, points on a grid along x and y, or a smaller source or stop"
+    check_most(work, _MOST_WORK, "pairs of a quadrature node on the stop and a point", remedy)
     rules = [gauss_rule(part, rate, extra)[:2] for part in triangles]
     fields = [a * _element_field(e, x) for (x, a), e in zip(rules, elements, strict=True)]
     return np.concatenate([x for x, _ in rules]), np.concatenate(fields)

@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.errors import ArgumentError
 from polywigner.execution.progress import with_progress
 from polywigner.geometry import Wavefront
 from polywigner.geometry.aperture import triangulate
+from polywigner.geometry.arguments import check_most
 from polywigner.numerics import Complex, Floats
 from polywigner.numerics.nodes import cell_rules, cells_of, quartered
 from polywigner.propagation.boundary import radiator_of
@@ -114,11 +114,8 @@ def cells_of_wave(wave: Wavefront, wavelength: float) -> Iterator[tuple[_Element
             small = (_highest(wave, part, cells, 0.0) + 1.0 / wavelength) * size <= _MOST_CYCLES
             yield part, cells[small]
             cells = quartered(cells[~small])
-            if len(cells) > _MOST_PAIRS:
-                raise ArgumentError(
-                    "the phase of the curved wave has too many cycles across the source; use a "
-                    "larger radius of curvature, or a smaller source"
-                )
+            remedy = "use a larger radius of curvature, or a smaller source"
+            check_most(len(cells), _MOST_PAIRS, "cells of a source with a curved wave", remedy)
 
 
 def _highest(wave: Wavefront, part: _Element, cells: Floats, frequencies: Any) -> Floats:
@@ -147,11 +144,8 @@ def _point_cells(
             block = slice(start, start + _CELLS)
             yield small_owners[block], small_cells[block]
         owners, cells = np.repeat(owners[~small], 4), quartered(cells[~small])
-        if len(owners) > _MOST_PAIRS:
-            raise ArgumentError(
-                "the exact field of this curved wave requires too many quadrature nodes on the "
-                "source; use points farther away, a smaller source, or method='fresnel'"
-            )
+        remedy = "use points farther away, a smaller source, or method='fresnel'"
+        check_most(len(owners), _MOST_PAIRS, "cells of a source with a curved wave", remedy)
 
 
 def _are_small(

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-import numbers
 from dataclasses import dataclass
 from typing import Any, Literal, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, value_text
+from polywigner.errors import ArgumentError
 from polywigner.execution import NumpyOperations
 from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import checked_choice, finite_array
+from polywigner.geometry.arguments import checked_choice, checked_type, complex_array, finite_array
 from polywigner.kernels.boundary.edge_waves import EdgeRule, angle_about, edge_wave
 from polywigner.numerics import Complex, Floats
 from polywigner.numerics.chirps import waves_of_cycles
@@ -221,12 +220,8 @@ class Screen:
                 "expected the outline of a screen as an Aperture without an illumination, got "
                 f"{self.outline!r:.80}"
             )
-        if not isinstance(self.illuminated_by, (PointSource, PlaneWave)):
-            raise ArgumentError(
-                "expected illuminated_by to be a PointSource or a PlaneWave, got "
-                f"{type(self.illuminated_by).__name__}"
-            )
-        light = self.illuminated_by
+        expected = "illuminated_by to be a PointSource or a PlaneWave"
+        light = checked_type(self.illuminated_by, expected, PointSource, PlaneWave)
         if isinstance(light, PointSource) and not light.position[2] < 0:
             raise ArgumentError(
                 "the point source must lie in front of the screen, at z < 0, got the position "
@@ -247,11 +242,7 @@ def field_of_screen(
 
     Raises ArgumentError unless ``method`` is a boundary condition.
     """
-    if method not in CONDITIONS:
-        raise ArgumentError(
-            f"the field behind a screen requires one of the methods {', '.join(CONDITIONS)}, got "
-            f"{method!r}"
-        )
+    checked_choice(method, "the method behind a screen", CONDITIONS)
     light = screen.illuminated_by
     if isinstance(light, PointSource):
         mirrored = CONDITIONS[method].mirrored
@@ -279,8 +270,5 @@ def _three_numbers(value: Any, name: str, meaning: str) -> tuple[float, float, f
 
 def _checked_amplitude(value: complex) -> complex:
     """Return an amplitude as a float or complex; raise ArgumentError unless it is finite."""
-    if not isinstance(value, numbers.Number) or not np.isfinite(complex(value)):
-        raise ArgumentError(
-            f"expected amplitude to be a finite complex number, got {value_text(value)}"
-        )
-    return value if isinstance(value, float) else complex(value)
+    number = complex(complex_array(value, "expected amplitude to be a finite complex number", ()))
+    return value if isinstance(value, float) else number

@@ -25,7 +25,7 @@ from polywigner import execution
 from polywigner.execution import Engine, Precision
 from polywigner.execution.choice import resolved
 from polywigner.geometry import Aperture, Wavefront
-from polywigner.geometry.arguments import checked_wavelength, takes_frequency
+from polywigner.geometry.arguments import checked_choice, checked_wavelength, takes_frequency
 from polywigner.kernels.boundary.integrals import STRIPS, distance_of, point_in_wavelengths
 from polywigner.numerics import Complex, Floats, phases
 from polywigner.propagation.boundary import (
@@ -38,7 +38,6 @@ from polywigner.propagation.boundary import (
 )
 from polywigner.propagation.curved_fields import field_at_nodes, summed_over_cells
 from polywigner.propagation.point_grids import (
-    checked_method,
     checked_points,
     tolerance_from,
     warn_of_missed,
@@ -165,7 +164,7 @@ def field(
     >>> abs(pw.field(square, (0.0, 0.05, 0.1), 3.2e-3, "y", "magnetic")).round(4)
     array([0.    , 0.0545, 0.0269])
     """
-    name = checked_method(method, MODELS)
+    name = checked_choice(method, "method", MODELS)
     check_no_drjit(source=source, points=points, wavelength=wavelength)
     positions, length = checked_points(points), checked_wavelength(wavelength)
     allowed = tolerance_from(tolerance)

@@ -15,10 +15,9 @@ import numpy as np
 import shapely
 
 from polywigner import execution
-from polywigner.errors import ArgumentError
 from polywigner.execution import Engine
 from polywigner.geometry import Aperture, Wavefront
-from polywigner.geometry.arguments import warn_caller
+from polywigner.geometry.arguments import check_most, warn_caller
 from polywigner.geometry.parts import grid_size, polygons_in
 from polywigner.kernels import Kernel, kernel_for
 from polywigner.kernels.functions.slices import SliceSum
@@ -124,7 +123,9 @@ def irradiance_by_rays(
     triangles = _triangles(flat)
     for step in np.unique(steps):
         rate, group = float(step) * _RATE_STEP / wavelength, np.flatnonzero(steps == step)
-        _check_nodes(triangles, rate, wavelength)
+        count = node_count(triangles, rate, _LEVELS[0])  # of the coarsest rule
+        remedy = f"use method={DEFAULT!r}, which is exact, and check the unit of the wavelength"
+        check_most(count, _MOST_NODES, "quadrature nodes for Wigner rays to these points", remedy)
         values[group], errors[group] = _refined_sums(
             node_sum, triangles, rate, points[group], clearance[group], allowed, floor[group]
         )
@@ -214,18 +215,6 @@ def _refined_sums(
         unsettled = change > _SETTLED * allowed
         remaining, previous = remaining[unsettled], sums[unsettled]
     return values, errors
-
-
-def _check_nodes(triangles: Triangles, rate: float, wavelength: float) -> None:
-    """Raise ArgumentError if the coarsest rule has too many nodes."""
-    count = node_count(triangles, rate, _LEVELS[0])
-    if not count <= _MOST_NODES:
-        across = float(np.ptp(triangles.reshape(-1, 2), axis=0).max()) / wavelength
-        raise ArgumentError(
-            f"a source of {across:.3g} wavelengths is too large for Wigner rays to these points, "
-            f"which require {count:.2g} quadrature nodes; use method={DEFAULT!r}, which is exact, "
-            "and check the unit of the wavelength"
-        )
 
 
 def _phase_rates(source: PlaneSource | Wavefront, wavelength: float, points: Floats) -> Floats:

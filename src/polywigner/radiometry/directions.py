@@ -18,7 +18,7 @@ import shapely
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution.progress import slow_bar
 from polywigner.geometry import Aperture, Slits, Wavefront
-from polywigner.geometry.arguments import checked_number, finite_array
+from polywigner.geometry.arguments import check_most, checked_number, finite_array
 from polywigner.numerics import Floats, Indices, blocks_by_size
 from polywigner.numerics.nodes import uniform_rule
 from polywigner.quantities import SPEED_OF_LIGHT
@@ -33,19 +33,13 @@ from polywigner.transforms.wavefronts import checked_wavefront, flat_source
 # Largest product of bandwidth and propagation time across the source. The mean over the band takes
 # about this number of wavelengths.
 _MOST_SPREAD = 500.0
-_MEANING = "a bandwidth in Hz above zero, and less than twice the frequency"
 
 
 def checked_bandwidth(bandwidth: Any, wavelength: float) -> float:
     """Return a bandwidth in Hz; raise ArgumentError unless it is below twice the frequency."""
-    width = checked_number(bandwidth, "bandwidth", _MEANING)
-    carrier = SPEED_OF_LIGHT / wavelength
-    if not 0 < width < 2 * carrier:
-        raise ArgumentError(
-            f"expected {_MEANING} of {carrier:.4g} Hz, got {bandwidth!r}; omit bandwidth for a "
-            "single wavelength"
-        )
-    return width
+    most = 2 * SPEED_OF_LIGHT / wavelength
+    meaning = f"in Hz above zero and below {most:.4g} Hz, twice the frequency"
+    return checked_number(bandwidth, "bandwidth", meaning, lambda x: 0 < x < most)
 
 
 def wavelengths_of_band(
@@ -58,13 +52,9 @@ def wavelengths_of_band(
     too wide.
     """
     spread = bandwidth * lag / SPEED_OF_LIGHT
-    if not spread <= _MOST_SPREAD:
-        raise ArgumentError(
-            f"a source of {lag:.4g} m allows a bandwidth of at most "
-            f"{_MOST_SPREAD * SPEED_OF_LIGHT / lag:.4g} Hz, got {bandwidth:g} Hz, which would "
-            f"require an average over about {spread:.3g} wavelengths; check its unit, or divide "
-            "the band"
-        )
+    things = f"Hz of bandwidth for a source of {lag:.4g} m"
+    most = _MOST_SPREAD * SPEED_OF_LIGHT / lag
+    check_most(bandwidth, most, things, "check the unit, or divide the band")
     nodes, weights = uniform_rule(math.pi * spread, error)
     frequencies = SPEED_OF_LIGHT / wavelength + bandwidth / 2 * nodes
     return list(zip((SPEED_OF_LIGHT / frequencies).tolist(), weights.tolist(), strict=True))
@@ -192,12 +182,12 @@ def longest_path(source: PlaneSource | Wavefront) -> float:
 
 def check_width(lag: float, wavelength: float) -> None:
     """Raise ArgumentError if a source of size ``lag`` is wider than 100,000 wavelengths."""
-    if not lag / wavelength <= _MOST_WAVELENGTHS:
-        raise ArgumentError(
-            f"the source is {lag / wavelength:.3g} wavelengths wide, but integrals over "
-            f"directions allow at most {_MOST_WAVELENGTHS:.0e}; check the unit of the wavelength "
-            "(wide sources radiate all power except the fraction perimeter * wavelength / area)"
-        )
+    remedy = (
+        "check the unit of the wavelength (wide sources radiate all power except the fraction "
+        "perimeter * wavelength / area)"
+    )
+    things = "wavelengths across a source for integrals over directions"
+    check_most(lag / wavelength, _MOST_WAVELENGTHS, things, remedy)
 
 
 def directions_and_weights(lag: float, wavelength: float) -> Iterator[tuple[Floats, Floats]]:

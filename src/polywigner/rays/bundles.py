@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, FileFormatError, at_key
 from polywigner.geometry.arguments import (
+    check_most,
     checked_count,
     checked_flag,
     checked_number,
@@ -24,8 +25,9 @@ from polywigner.geometry.arguments import (
     shape_of,
     warn_caller,
 )
-from polywigner.geometry.io.limits import check_regular
+from polywigner.geometry.io.limits import check_regular, checked_suffix
 from polywigner.numerics import Floats
+from polywigner.transforms.xarray_arguments import arrays_of
 
 if TYPE_CHECKING:
     import xarray
@@ -119,22 +121,8 @@ def checked_bundle(rays: Any) -> tuple[Floats, Floats, Floats, NDArray[Any] | No
     contain NaN. Raises ArgumentError for other datasets, and for directions that are not unit
     vectors.
     """
-    import xarray
-
-    if not isinstance(rays, xarray.Dataset) or not set(_VARIABLES) <= set(rays.variables):
-        raise ArgumentError(
-            "expected rays to be a dataset with position, direction and weight, got "
-            f"{type(rays).__name__}; create it with sample_rays or rays.load"
-        )
-    axes, variables = ("ray", "component"), [rays[name] for name in _VARIABLES]
-    try:
-        arrays = [variable.transpose(*axes[: variable.ndim]).values for variable in variables]
-    except ValueError:
-        got = ", ".join(f"{variable.name} with {variable.dims}" for variable in variables)
-        raise ArgumentError(
-            "the dataset of rays must have position and direction with axes (ray, component), "
-            f"and weight with axis (ray); got {got}"
-        ) from None
+    axes = dict(zip(_VARIABLES, ("ray component", "ray component", "ray"), strict=True))
+    arrays = arrays_of(rays, axes, "polywigner.sample_rays or polywigner.rays.load")
     batch = rays["batch"].values if "batch" in rays.coords else None
     return *_columns(len(arrays[2]), *arrays), batch
 
@@ -327,10 +315,7 @@ def _pixel_edges(bounds: Any, shape: Any) -> tuple[Floats, Floats]:
     if not isinstance(shape, (tuple, list)) or len(shape) != 2:
         raise ArgumentError(f"expected shape to be two integers, (nx, ny) in pixels, got {shape!r}")
     nx, ny = (checked_count(n, "shape", 1, _MOST_ALONG_AXIS) for n in shape)
-    if nx * ny > _MOST_PIXELS:
-        raise ArgumentError(
-            f"expected at most {_MOST_PIXELS} pixels, got {nx} x {ny}; use fewer pixels"
-        )
+    check_most(nx * ny, _MOST_PIXELS, "pixels", "use fewer pixels")
     return np.linspace(row[0], row[2], nx + 1), np.linspace(row[1], row[3], ny + 1)
 
 
@@ -412,11 +397,8 @@ def save(
 def _checked_file(path: str | os.PathLike[str]) -> Path:
     """Return an absolute path; raise ArgumentError unless its suffix is .dat."""
     file = checked_path(path)
-    if file.suffix.lower() != ".dat":
-        raise ArgumentError(
-            f"the suffix of a ray file must be .dat, got {file.name!r}; to store rays for "
-            "polywigner, use polywigner.write_netcdf and xarray.load_dataset"
-        )
+    remedy = "to store rays, use polywigner.write_netcdf and xarray.load_dataset"
+    checked_suffix(file, [".dat"], remedy, ArgumentError)
     return file
 
 
@@ -505,12 +487,10 @@ def load(path: str | os.PathLike[str]) -> xarray.Dataset:
     if len(content) < _HEADER.itemsize:
         raise wrong(f"a file of {len(content)} bytes")
     header = np.frombuffer(content, _HEADER, 1)[0]
-    if header["Identifier"] not in _IDENTIFIERS:
-        raise wrong(f"the identifier {header['Identifier']}")
     columns = _NUMBERS.get(int(header["ray_format_type"]))
     unit, count = int(header["DimensionUnits"]), int(header["NbrRays"])
-    if columns is None or not 0 <= unit < len(_METRES):
-        raise wrong(f"ray format {header['ray_format_type']} with unit of length {unit}")
+    if header["Identifier"] not in _IDENTIFIERS or columns is None or not 0 <= unit < len(_METRES):
+        raise wrong("another identifier, ray format or unit of length")
     if header["flux_type"] != 0:
         raise wrong("powers in lumens, not in watts")
     size = len(content) - _HEADER.itemsize

@@ -259,11 +259,7 @@ def cone_of(half_angle: Any, axis: Any, width: float) -> Cone:
     angle = math.pi / 2
     if half_angle is not None:
         angle = checked_number(half_angle, "cone", meaning, lambda x: 0 < x <= math.pi / 2)
-    vector = checked_unit_vectors("axis", axis)
-    if vector.ndim > 1:
-        raise ArgumentError(
-            f"expected axis to be a single unit vector (3,), got shape {vector.shape}"
-        )
+    vector = checked_unit_vectors("axis", axis, 3)
     vector = vector / np.linalg.norm(vector)
     tilt = math.atan2(math.hypot(*vector[:2]), vector[2])
     if tilt + angle > math.pi / 2 * (1 + _UNIT):

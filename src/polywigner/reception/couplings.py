@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner import execution
-from polywigner.errors import ArgumentError, GeometryError, IlluminationError, PolywignerError
+from polywigner.errors import ArgumentError, GeometryError, IlluminationError
 from polywigner.execution.progress import with_progress
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.arguments import (
+    checked_choice,
     checked_flag,
     checked_wavelength,
     rigid_poses,
@@ -27,7 +28,7 @@ from polywigner.kernels.boundary.integrals import distance_of, point_in_waveleng
 from polywigner.numerics import Complex, Floats
 from polywigner.numerics.phases import reduced
 from polywigner.propagation.far_fields import far_field, powers_of
-from polywigner.propagation.point_grids import checked_method, tolerance_from, warn_of_missed
+from polywigner.propagation.point_grids import tolerance_from, warn_of_missed
 from polywigner.propagation.vector_fields import polarised_parts, vector_powers
 from polywigner.radiometry.directions import checked_radiator, directions_and_weights, largest_lag
 from polywigner.reception.cell_pairs import Links, Sight, cells_of, link_sums
@@ -195,7 +196,7 @@ def coupling(
     for source in sources:
         checked_radiator(source)
     length, allowed = checked_wavelength(wavelength), checked_tolerance(tolerance)
-    counted = checked_normalise(normalise)
+    counted = checked_choice(normalise, "normalise", NORMALISATIONS)
     checked_flag(return_error, "return_error")
     jones = None if polarisation is None else checked_pair(polarisation, *sources)
     poses = rigid_poses(to_transmitter, "to_transmitter")
@@ -365,7 +366,7 @@ def _checked_method(method: Any, is_polarised: bool) -> str:
         raise ArgumentError(
             f"method={method!r} requires a polarisation; pass the argument polarisation"
         )
-    return checked_method(method, allowed)
+    return checked_choice(method, "method", allowed)
 
 
 def checked_tolerance(tolerance: Any) -> float:
@@ -444,14 +445,6 @@ NORMALISATIONS = ("radiated", "aperture")
 
 # Ratio of the power to the sum of the elements' powers below which the fields count as cancelled.
 _DARK = 1e-12
-
-
-def checked_normalise(name: Any, error: type[PolywignerError] = ArgumentError) -> str:
-    """Return one of `NORMALISATIONS`; raise ``error`` for other values."""
-    if not isinstance(name, str) or name not in NORMALISATIONS:
-        names = " or ".join(f'"{known}"' for known in NORMALISATIONS)
-        raise error(f"normalise must be {names}, got {name!r}")
-    return str(name)
 
 
 def root_of_norm(

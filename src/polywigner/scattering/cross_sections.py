@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from polywigner.errors import ArgumentError
 from polywigner.execution.progress import progress_bar
 from polywigner.geometry.arguments import (
+    broadcast_shape,
     checked_choice,
     checked_count,
     checked_flag,
@@ -30,7 +31,6 @@ from polywigner.scattering.near_fields import (
     Channel,
     Polarisation,
     Source,
-    broadcast_shape,
     checked_polarisations,
     checked_unit_vectors,
     near_sections,
@@ -400,12 +400,7 @@ class Pattern:
         if self.polarisation is not None:
             checked_choice(self.polarisation, "polarisation", get_args(Channel))
         if self.to_transmitter is not None:
-            self.to_transmitter = checked_unit_vectors("to_transmitter", self.to_transmitter)
-            if self.to_transmitter.ndim > 1:
-                raise ArgumentError(
-                    "to_transmitter must be a single unit vector (3,), got shape "
-                    f"{self.to_transmitter.shape}"
-                )
+            self.to_transmitter = checked_unit_vectors("to_transmitter", self.to_transmitter, 3)
         self.facets = facets_of(body)
         self.bounces = checked_count(self.bounces, "bounces", 1, MOST_BOUNCES)
 

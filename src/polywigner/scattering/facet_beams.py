@@ -19,7 +19,7 @@ from shapely.errors import GEOSException
 
 from polywigner.errors import ArgumentError
 from polywigner.execution.progress import slow_bar
-from polywigner.geometry.arguments import warn_caller
+from polywigner.geometry.arguments import check_most, warn_caller
 from polywigner.geometry.hidden_parts import (
     GRID,
     NOTHING,
@@ -258,12 +258,10 @@ def hits_after(facets: Facets, ends: Ends, bounces: int) -> Iterator[Hits]:
     for number in range(2, bounces + 1):
         if not len(beams):
             return
-        if len(beams) * len(facets.corner) > _MOST_COMPARED:
-            raise ArgumentError(
-                f"the body is too complex: reflection {number} requires {len(beams)} beams to be "
-                f"compared with {len(facets.corner)} triangles, but at most {_MOST_COMPARED:g} "
-                f"comparisons are allowed; use bounces={number - 1}, or simplify the mesh"
-            )
+        compared = len(beams) * len(facets.corner)
+        things = f"comparisons of beams and triangles for reflection {number}"
+        remedy = f"use bounces={number - 1}, or simplify the mesh"
+        check_most(compared, _MOST_COMPARED, things, remedy)
         hits = _hits(facets, ends, beams)
         yield hits
         if number < bounces:

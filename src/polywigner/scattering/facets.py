@@ -31,7 +31,7 @@ from polywigner.geometry.hidden_parts import (
     visible_parts,
 )
 from polywigner.geometry.parts import connected
-from polywigner.geometry.silhouettes import obstacle_of, shells
+from polywigner.geometry.silhouettes import listed_bodies, obstacle_of, shells
 from polywigner.numerics import Complex, Floats, Indices, cluster_indices
 from polywigner.numerics.phases import rotated, simplex_plane_wave
 from polywigner.source import Array
@@ -41,7 +41,6 @@ Sides = NDArray[np.int8]
 
 Body = Aperture | PlacedAperture | Polyhedron | Array | Sequence[Any]
 
-_EXPECTED = "expected a body (Polyhedron, Aperture, placed Aperture, or an Array or list of these)"
 # Smallest cosine between normals of adjacent triangles of a smooth face.
 SMOOTH = math.cos(math.radians(30))
 # Tolerance on the normals of coplanar triangles, and on their plane offsets relative to the body
@@ -138,24 +137,12 @@ def _bodies(body: Any) -> tuple[Polyhedron | PlacedAperture, ...]:
     """Return bodies and plates as a tuple; raise ArgumentError for other objects."""
     if isinstance(body, Array):
         if not (body.weights == 1).all():
-            raise ArgumentError(
-                "expected an Array of bodies whose weights are all 1, got other weights; omit "
-                "the weights"
-            )
+            raise ArgumentError("expected an Array of bodies without weights; omit the weights")
         body = body.elements
-    parts = tuple(body) if isinstance(body, Iterable) else (body,)
-    if not parts:
-        raise ArgumentError(f"{_EXPECTED}, got an empty list")
-    placed = [part.placed(np.eye(4)) if isinstance(part, Aperture) else part for part in parts]
-    for part in placed:
-        if not isinstance(part, PlacedAperture | Polyhedron):
-            raise ArgumentError(f"{_EXPECTED}, got {type(part).__name__}")
-        if isinstance(part, PlacedAperture) and part.aperture.illumination is not None:
-            raise ArgumentError(
-                "a plate must not have an illumination, because the radar illuminates it; remove "
-                "the illumination with with_illumination(None)"
-            )
-    return tuple(placed)
+    parts = body if isinstance(body, Iterable) else [body]
+    return listed_bodies(
+        [part.placed(np.eye(4)) if isinstance(part, Aperture) else part for part in parts]
+    )
 
 
 # Hashing a million vertices takes some ms, which is less than the computation of their triangles.

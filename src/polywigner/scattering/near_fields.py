@@ -18,14 +18,21 @@ from shapely.errors import GEOSException
 
 from polywigner.errors import ArgumentError, GeometryError, value_text
 from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import checked_choice, real_array, rigid_poses, warn_caller
+from polywigner.geometry.arguments import (
+    broadcast_shape,
+    check_most,
+    checked_choice,
+    real_array,
+    rigid_poses,
+    warn_caller,
+)
 from polywigner.numerics import Complex, Floats
 from polywigner.propagation import amplitude_with_error, field
 from polywigner.propagation.boundary import Radiator, boundary_field, cosines_of, radiator_of
 from polywigner.propagation.point_grids import tolerance_from
 from polywigner.propagation.vector_fields import edge_integrals
 from polywigner.radiometry.directions import checked_source
-from polywigner.reception.couplings import checked_normalise, root_of_norm
+from polywigner.reception.couplings import NORMALISATIONS, root_of_norm
 from polywigner.scattering.facet_beams import sums_of_beams
 from polywigner.scattering.facets import (
     Facets,
@@ -51,21 +58,10 @@ Source = Aperture | Array
 _UNIT = 1e-6
 
 
-def checked_unit_vectors(name: str, vectors: Any) -> Floats:
-    """Return unit vectors, shape (..., 3), with their length corrected to 1."""
-    array = unit_vectors_as_given(name, vectors)
+def checked_unit_vectors(name: str, vectors: Any, *shape: Any) -> Floats:
+    """Return unit vectors (..., 3), or one of ``shape`` (3,), with their length corrected to 1."""
+    array = unit_vectors_as_given(name, vectors, *shape)
     return np.asarray(array / np.linalg.norm(array, axis=-1, keepdims=True))
-
-
-def broadcast_shape(*shapes: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the common shape of array arguments; raise ArgumentError if there is none."""
-    try:
-        return np.broadcast_shapes(*shapes)
-    except ValueError:
-        raise ArgumentError(
-            "wavelengths, directions and polarisations must broadcast against each other, got "
-            f"shapes {', '.join(map(str, shapes))}; add axes of length 1"
-        ) from None
 
 
 def checked_polarisations(
@@ -453,11 +449,9 @@ def _divided(pieces: Pieces, transmitter: Antenna, receiver: Antenna, tolerance:
         done.append(pieces.taken(np.flatnonzero(~coarse)))
         pieces = pieces.taken(np.flatnonzero(coarse))
         count += len(done[-1])
-        if count + 4 * len(pieces) > _MOST:
-            raise ArgumentError(
-                f"the illuminated parts of the body require more than {_MOST:g} pieces with plane "
-                "waves; use a larger tolerance, or move the source away from the body"
-            )
+        things = "pieces of the illuminated parts of the body with plane waves"
+        remedy = "use a larger tolerance, or move the source away from the body"
+        check_most(count + 4 * len(pieces), _MOST, things, remedy)
         pieces = _quartered(pieces)
     columns = zip(*(vars(part).values() for part in done), strict=True)
     return Pieces(*map(np.concatenate, columns))
@@ -530,7 +524,7 @@ def near_sections(
     body.
     """
     allowed = tolerance_from(tolerance, _TOLERANCE, _LEAST)
-    checked_normalise(normalise)
+    checked_choice(normalise, "normalise", NORMALISATIONS)
     for antenna in (source, receiver):
         if antenna is not None:
             checked_source(antenna)

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError, GeometryError, IlluminationError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, automean
 from polywigner.geometry.arguments import (
+    checked_type,
     checked_wavelength,
     finite_array,
     takes_frequency,
@@ -434,11 +435,10 @@ def repeated_element(
     element: Aperture | Slits, positions: ArrayLike, weights: ArrayLike | None = None
 ) -> Array:
     """Return the :func:`phased_array` of an element with a flat wave; overlaps are not checked."""
-    if not isinstance(element, Aperture | Slits):
-        raise ArgumentError(
-            "expected an Aperture or Slits as the element to repeat, got "
-            f"{type(element).__name__}; use polywigner.Array for other elements"
-        )
+    advice = "use polywigner.Array for other elements"
+    checked_type(
+        element, "an Aperture or Slits as the element to repeat", Aperture, Slits, advice=advice
+    )
     dimension = 1 if isinstance(element, Slits) else 2
     positions, amplitudes = checked_sites(positions, weights, dimension)
     return Array._of(repeated=(element, positions), weights=amplitudes, paths=None)

@@ -14,11 +14,13 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError, FileFormatError, at_key, require, value_text
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import (
+    check_most,
     checked_choice,
     checked_count,
     checked_length,
     checked_number,
     checked_path,
+    checked_type,
     finite_array,
     takes_frequency,
 )
@@ -111,7 +113,7 @@ def _lattice_positions(
     ``stretch``: default of ``pitch_y``, as a multiple of ``pitch_x``.
     """
     columns, rows = checked_count(nx, "nx", 1), checked_count(ny, "ny", 1)
-    _check_element_count(columns * rows)
+    check_most(columns * rows, MOST_ELEMENTS, "elements", "use fewer elements")
     across = checked_length(pitch_x, "pitch_x")
     up = across * stretch if pitch_y is None else checked_length(pitch_y, "pitch_y")
     side = 2 * (np.arange(rows) % 2) - 1 if is_staggered and rows > 1 else np.zeros(rows, np.int64)
@@ -147,7 +149,7 @@ def ring_positions(radii: ArrayLike, counts: ArrayLike) -> Floats:
         raise ArgumentError(
             f"expected as many radii as counts, got {len(sizes)} radii and {len(numbers)} counts"
         )
-    _check_element_count(sum(numbers))
+    check_most(sum(numbers), MOST_ELEMENTS, "elements", "use fewer elements")
     if any(size == 0 and number > 1 for size, number in zip(sizes, numbers, strict=True)):
         raise ArgumentError(
             "expected at most one element at radius 0, got several; use the count 1"
@@ -185,14 +187,13 @@ def thinned(positions: ArrayLike, fill: float, seed: int, taper: ArrayLike | Non
     Raises
     ------
     ArgumentError
-        If an argument has the wrong shape or range, or no element is drawn.
+        If an argument has the wrong shape or range.
 
     References
     ----------
     M. I. Skolnik, J. W. Sherman, F. C. Ogg, IEEE Trans. Antennas Propag. 12 (1964) 408-417.
     """
     layout = checked_positions(positions, (1, 2, 3))
-    fraction = checked_number(fill, "fill", "a fraction above 0 and up to 1")
     expected = f"expected a taper of {len(layout)} real weights of zero or more"
     density = np.ones(len(layout))
     if taper is not None:
@@ -200,29 +201,16 @@ def thinned(positions: ArrayLike, fill: float, seed: int, taper: ArrayLike | Non
     if not (density >= 0).all() or not density.any():
         raise ArgumentError(f"{expected}, got {value_text(taper)}")
     most = float(density.mean() / density.max())
-    if not 0 < fraction <= most:
-        raise ArgumentError(
-            f"expected fill above 0 and up to {most:.6g}, the mean of the taper divided by "
-            f"its peak, got {value_text(fill)}"
-        )
+    meaning = f"above 0 and up to {most:.6g}, the mean of the taper divided by its peak"
+    fraction = checked_number(fill, "fill", meaning, lambda x: 0 < x <= most)
     random = np.random.default_rng(checked_count(seed, "seed", 0))
     is_drawn = random.random(len(layout)) < density * (fraction / density.mean())
-    if not is_drawn.any():
-        raise ArgumentError(
-            "no element was drawn with this seed; use another seed, or a larger fill"
-        )
     return layout[is_drawn]
 
 
 def _as_list(values: Any) -> list[Any]:
     """Return a list of the values, or of the only value."""
     return list(values) if np.iterable(values) else [values]
-
-
-def _check_element_count(elements: int) -> None:
-    """Raise ArgumentError for more than 2^20 elements."""
-    if elements > MOST_ELEMENTS:
-        raise ArgumentError(f"expected at most {MOST_ELEMENTS} elements, got {elements}")
 
 
 def _centred_steps(count: int) -> NDArray[np.int64]:
@@ -281,7 +269,7 @@ def virtual_array(
             "expected transmit and receive positions with the same number of components, got "
             f"{sent.shape[1]} and {received.shape[1]}"
         )
-    _check_element_count(len(sent) * len(received))
+    check_most(len(sent) * len(received), MOST_ELEMENTS, "elements", "use fewer elements")
     v = checked_weights(transmit_weights, len(sent))
     w = checked_weights(receive_weights, len(received))
     positions = (sent[:, None] + received).reshape(-1, sent.shape[1])
@@ -419,7 +407,8 @@ def window_weights(
             f"{value_text(window)}"
         )
     decibels, zeros = checked_sidelobes(sll, nbar)
-    _check_element_count(math.prod(checked_count(n, "shape", 1) for n in sizes))
+    elements = math.prod(checked_count(n, "shape", 1) for n in sizes)
+    check_most(elements, MOST_ELEMENTS, "elements", "use fewer elements")
     along = [_window(n, name, decibels, zeros) for n, name in zip(sizes, names, strict=True)]
     weights = along[0] if len(along) == 1 else np.multiply.outer(*along).ravel()
     # For a small sll (1 dB), the Taylor weight of largest magnitude may be negative.
@@ -496,8 +485,7 @@ def read_elements(
     >>> pw.arrays.read_elements(path, pw.shapes.square(1e-3)).weights.round(3)
     array([1. +0.j , 0. +0.5j])
     """
-    if not isinstance(element, Aperture):
-        raise ArgumentError(f"expected an Aperture as the element, got {type(element).__name__}")
+    checked_type(element, "an Aperture as the element", Aperture)
     file, metres = checked_path(path), parse_unit(unit)
     with at_key(str(file)):
         table = _table_columns(text_of(bytes_of(file)))

@@ -18,8 +18,9 @@ from typing import Any, NamedTuple, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, GeometryError
+from polywigner.errors import GeometryError
 from polywigner.geometry import Aperture, PlacedAperture, Slits, Wavefront
+from polywigner.geometry.arguments import checked_type
 from polywigner.geometry.illumination import Illumination, shift_phases
 from polywigner.numerics import Complex, Floats
 from polywigner.source.array import Array, PathLengths, aperture_in_plane, repeated_element
@@ -77,9 +78,8 @@ class SourceElement:
     @property
     def rings(self) -> tuple[Floats, ...]:
         """Rings (n, 2) of an aperture; exteriors are counter-clockwise, holes clockwise."""
-        if isinstance(self.outline, Slits):
-            raise GeometryError("only an Aperture has rings, got Slits")
-        return self.outline.rings
+        rings: tuple[Floats, ...] = self.outline.rings  # type: ignore[union-attr]
+        return rings
 
     def tilted(self, kappa: ArrayLike) -> SourceElement:
         """Return the element multiplied by exp(2 pi i kappa.x), with kappa (d,) in 1/m."""
@@ -379,10 +379,7 @@ def _element_of(public: Any, weight: complex) -> SourceElement:
     pose = None
     if isinstance(public, PlacedAperture):
         public, pose = public.aperture, public.pose
-    if not isinstance(public, Aperture | Slits):
-        raise ArgumentError(
-            f"expected an Aperture, Slits or an Array of these, got {type(public).__name__}"
-        )
+    checked_type(public, "an Aperture, Slits or an Array of these", Aperture, Slits)
     field, d = public.illumination, 1 if isinstance(public, Slits) else 2
     if field is None:
         return SourceElement(public, weight, np.ones(1, np.complex128), np.zeros((1, d)), pose)

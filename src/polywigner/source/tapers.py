@@ -15,13 +15,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError, value_text
 from polywigner.geometry.arguments import (
+    check_most,
     checked_choice,
     checked_count,
     checked_length,
     checked_number,
-    checked_vectors,
     complex_array,
     finite_array,
+    real_array,
     takes_frequency,
 )
 from polywigner.geometry.illumination import Illumination
@@ -33,13 +34,14 @@ _UNIT = 1e-6
 _ADVICE = "divide the vector by its length"
 
 
-def checked_unit_vectors(name: str, vectors: Any) -> Floats:
+def checked_unit_vectors(name: str, vectors: Any, *shape: Any) -> Floats:
     """Return unit vectors (..., 3); raise ArgumentError if a length differs from 1 by over 1e-6.
 
-    The vectors are not normalised. ``name``: name in the message.
+    The vectors are not normalised. ``name``: name in the message. ``shape``: (3,) for one vector.
     """
-    expected = f"expected {name} to be unit vectors of shape (..., 3)"
-    array = checked_vectors(vectors, expected, (3,))
+    shape_text = "(3,)" if shape else "(..., 3)"
+    expected = f"expected {name} to be unit vectors of shape {shape_text}"
+    array = real_array(vectors, expected, shape or (..., 3))
     length = np.linalg.norm(array, axis=-1)
     wrong = ~(np.abs(length - 1) <= _UNIT)
     if wrong.any():
@@ -55,8 +57,7 @@ def unit_vector(direction: Any) -> Floats:
 
     Lengths may differ from 1 by 1e-6; the vector is not normalised.
     """
-    expected = "expected a direction as a unit vector of shape (3,)"
-    vector = checked_unit_vectors("direction", finite_array(direction, expected, (3,)))
+    vector = checked_unit_vectors("direction", direction, 3)
     if vector[2] < 0:
         raise ArgumentError(
             "expected a direction in front of the aperture, with a z component of at least "
@@ -329,12 +330,8 @@ def taylor_taper(
 
 def checked_sidelobes(sll: Any, nbar: Any) -> tuple[float, int]:
     """Return sidelobe suppression in dB and n-bar; raise ArgumentError if out of range."""
-    decibels = checked_number(sll, "sll", "a sidelobe suppression in dB, such as 30")
-    if not 0 < decibels <= _LARGEST_SUPPRESSION:
-        raise ArgumentError(
-            f"expected sll in dB above 0 and up to {_LARGEST_SUPPRESSION:g}, got "
-            f"{value_text(sll)}; pass 30 for sidelobes at -30 dB"
-        )
+    meaning = f"in dB above 0 and up to {_LARGEST_SUPPRESSION:g}, such as 30 for -30 dB"
+    decibels = checked_number(sll, "sll", meaning, lambda x: 0 < x <= _LARGEST_SUPPRESSION)
     return decibels, checked_count(nbar, "nbar", 1, _HIGHEST_NBAR)
 
 
@@ -484,11 +481,7 @@ def fit_illumination(
         kappa = _default_frequencies(high - low, checked_count(order, "order", 0), len(positions))
     else:
         kappa = _distinct_frequencies(frequencies, positions.shape[1])
-    if len(kappa) > _MOST_WAVES:
-        raise ArgumentError(
-            f"expected at most {_MOST_WAVES} waves, got {len(kappa)}; pass fewer frequencies, "
-            "or a lower order"
-        )
+    check_most(len(kappa), _MOST_WAVES, "waves", "pass fewer frequencies, or a lower order")
     waves = np.exp(2j * np.pi * ((positions - centre) @ kappa.T))
     amplitudes, _, rank, _ = np.linalg.lstsq(waves, field, rcond=least)
     size = float(np.linalg.norm(field))

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from types import NoneType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +18,12 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.geometry.arguments import checked_number, checked_wavelength, warn_caller
+from polywigner.geometry.arguments import (
+    checked_number,
+    checked_type,
+    checked_wavelength,
+    warn_caller,
+)
 from polywigner.geometry.convex import trapezoids
 from polywigner.geometry.hidden_parts import polygonal
 from polywigner.geometry.parts import shifted
@@ -351,11 +357,9 @@ def checked_aberration(aberration: Any, wavelength: Any, *, has_gradients: bool 
 
     The aberration may be None. ``has_gradients`` specifies whether Dr.Jit coefficients are allowed.
     """
-    if aberration is not None and not isinstance(aberration, Aberration):
-        raise ArgumentError(
-            "expected aberration to be a polywigner.Aberration, got "
-            f"{type(aberration).__name__}; use polywigner.zernike, or Aberration(function)"
-        )
+    expected = "aberration to be a polywigner.Aberration"
+    advice = "use polywigner.zernike, or Aberration(function)"
+    checked_type(aberration, expected, Aberration, NoneType, advice=advice)
     if aberration is not None and aberration.traced is not None and not has_gradients:
         raise ArgumentError(
             "only psf, otf and mtf accept an aberration with Dr.Jit coefficients; use "

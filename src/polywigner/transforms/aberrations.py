@@ -20,6 +20,7 @@ from polywigner.geometry.arguments import (
     checked_count,
     checked_length,
     checked_number,
+    checked_type,
     finite_array,
 )
 from polywigner.numerics import Complex, Floats
@@ -430,11 +431,8 @@ def zernike(
     >>> round(float(defocus(5e-3, 0.0)) * 1e9, 3)  # times sqrt(3) at the rim
     43.301
     """
-    if not isinstance(coefficients, Mapping) or not coefficients:
-        raise ArgumentError(
-            "expected coefficients to be a mapping from indices to values in metres, got "
-            f"{coefficients!r:.80}; pass for example {{4: 25e-9}}"
-        )
+    expected = "coefficients to be a mapping from indices to values in metres"
+    checked_type(coefficients, expected, Mapping, advice="pass for example {4: 25e-9}")
     indices = _checked_indices(coefficients, indexing)
     values = [
         checked_number(value, f"coefficient {index}", "a finite number of metres")

@@ -22,8 +22,10 @@ from polywigner.execution import NumpyOperations
 from polywigner.execution.progress import with_progress
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import (
+    check_most,
     checked_array,
     checked_length,
+    checked_type,
     checked_wavelength,
     complex_array,
     finite_array,
@@ -129,11 +131,8 @@ def transmission_cross_coefficient(
     both = [_plane_points(name, xi) for name, xi in (("xi_1", xi_1), ("xi_2", xi_2))]
     shape = broadcast_shape(both)
     pairs = [np.broadcast_to(xi, (*shape, 2)).reshape(-1, 2) for xi in both]
-    if len(pairs[0]) * system.size > _MOST:
-        raise ArgumentError(
-            f"too many pairs of lags: {len(pairs[0])}, but at most {_MOST // system.size} are "
-            "allowed for this pupil and condenser; pass fewer pairs at once"
-        )
+    things = "pairs of lags for this pupil and condenser"
+    check_most(len(pairs[0]), _MOST // system.size, things, "pass fewer pairs at once")
     lags, number = np.unique(np.concatenate(pairs), axis=0, return_inverse=True)
     values = system.coefficients(lags, *number.reshape(2, -1))
     return values.reshape(shape)[()]
@@ -420,21 +419,14 @@ def _passes(system: _System, lags: Floats) -> NDArray[np.bool_]:
 
 def _check_orders(count: float, size: int) -> None:
     """Raise ArgumentError if the pairs of ``count`` orders need too many intersections."""
-    if not 0.5 * count * (count + 1.0) * size <= _MOST:
-        most = int(math.sqrt(2.0 * _MOST / size))
-        raise ArgumentError(
-            f"too many diffraction orders of the mask pass the pupil: {count:.6g}, but at "
-            f"most {most} are allowed for this pupil and condenser; use a smaller condenser or "
-            "pupil, or a shorter period"
-        )
+    remedy = "use a smaller condenser or pupil, or a shorter period"
+    things = "diffraction orders of the mask that pass the pupil"
+    check_most(count, int(math.sqrt(2.0 * _MOST / size)), things, remedy)
 
 
 def _check_overlaps(mask: Aperture | Array, lattice: Floats) -> None:
     """Raise GeometryError if elements of a periodic mask overlap, within or between periods."""
-    if not isinstance(mask, Aperture | Array):
-        raise ArgumentError(
-            f"expected mask to be an Aperture, or an Array of apertures, got {type(mask).__name__}"
-        )
+    checked_type(mask, "mask to be an Aperture, or an Array of apertures", Aperture, Array)
     elements = np.array([element.polygons for element in mask.elements_in_plane], object)
     low, high = np.reshape(shapely.total_bounds(elements), (2, 2))
     size = high - low

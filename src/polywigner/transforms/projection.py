@@ -6,6 +6,7 @@ Each projection, called a tile, has a closed form, which a table at the end of t
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from types import NoneType
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 import numpy as np
@@ -14,7 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, checked_engine
 from polywigner.geometry import Slits, Wavefront
-from polywigner.geometry.arguments import checked_choice, checked_count, finite_array
+from polywigner.geometry.arguments import (
+    check_most,
+    checked_choice,
+    checked_count,
+    checked_type,
+    finite_array,
+)
 from polywigner.geometry.rings import sides_of
 from polywigner.kernels import kernel_for
 from polywigner.numerics import Floats
@@ -173,7 +180,7 @@ def projections(
         values = tile.values(source, axes[tile.first], axes[tile.second], engine)
         arrays[name] = labelled_array(values, (tile.first, tile.second), attrs)
     coords = {
-        name: labelled_array(values, (name,), {"units": "1/m" if _is_frequency(name) else "m"})
+        name: labelled_array(values, (name,), {"units": "1/m" if is_frequency(name) else "m"})
         for name, values in axes.items()
         if name in used
     }
@@ -181,7 +188,7 @@ def projections(
     return labelled_arrays(arrays, coords, attrs)
 
 
-def _is_frequency(name: str) -> bool:
+def is_frequency(name: str) -> bool:
     """Return whether the name of a coordinate denotes a spatial frequency, nu or upsilon."""
     return name.startswith(("nu", "upsilon"))
 
@@ -191,8 +198,7 @@ def _requested_tiles(available: Mapping[str, Tile], names: Iterable[str] | None)
 
     Raises ArgumentError for unknown names.
     """
-    if not isinstance(names, Iterable | None):
-        raise ArgumentError(f"expected tiles to be a list of names, got {type(names).__name__}")
+    checked_type(names, "tiles to be a list of names", Iterable, NoneType)
     requested = [names] if isinstance(names, str) else list(available if names is None else names)
     return [checked_choice(name, "each of the tiles", available) for name in requested]
 
@@ -210,11 +216,8 @@ def _coordinate_values(
     names = dict.fromkeys(name for tile in tiles.values() for name in (tile.first, tile.second))
     count = checked_count(samples, "samples", 2, LARGEST_SAMPLES)
     requested = {} if coordinates is None else coordinates
-    if not isinstance(requested, Mapping):
-        raise ArgumentError(
-            "expected coordinates to be a mapping from names of coordinates to values, got "
-            f"{type(requested).__name__}"
-        )
+    expected = "coordinates to be a mapping from names of coordinates to values"
+    checked_type(requested, expected, Mapping)
     for name in requested:
         checked_choice(name, "each of the coordinates", names)
     low, widths = np.reshape(source.bounds, (2, -1))[0], sides_of(source.bounds).tolist()
@@ -222,7 +225,7 @@ def _coordinate_values(
     for name in names:
         axis = int(name.endswith("y"))
         width, centre = widths[axis], 0.0
-        half_range = _LOBES / width if _is_frequency(name) else _MARGIN * width
+        half_range = _LOBES / width if is_frequency(name) else _MARGIN * width
         if name in ("x", "y"):
             centre, half_range = low[axis] + width / 2, half_range / 2
         axes[name] = (
@@ -239,11 +242,7 @@ def _checked_values(name: str, values: ArrayLike) -> Floats:
     Raises ArgumentError for other values.
     """
     array = finite_array(values, f"expected {name} to be finite numbers of shape (n,)", (None,))
-    if len(array) > LARGEST_SAMPLES:
-        raise ArgumentError(
-            f"expected up to {LARGEST_SAMPLES} values of {name}, got {len(array)}; compute "
-            "several datasets"
-        )
+    check_most(len(array), LARGEST_SAMPLES, f"values of {name}", "compute several datasets")
     return array
 
 

@@ -102,16 +102,12 @@ def fourier(
     if isinstance(source, Wavefront):
         return compute("fourier", source, {"nu": nu}, precision, engine)
     how: dict[str, Any] = {"precision": precision, "engine": engine}
-
-    def call(points: dict[str, Any]) -> Values:
-        """Return the transform at the points of one kind of array."""
-        return _fourier_of_flat(source, points["nu"], how)
-
     if isinstance(source, Differentiable) or execution.is_drjit(nu):
         numbers = source.numbers if isinstance(source, Differentiable) else {}
-        return execution.on_components(call, {"nu": nu}, numbers, precision, engine)
+        points, restored = execution.component_arrays({"nu": nu}, numbers, precision, engine)
+        return restored(_fourier_of_flat(source, points["nu"], how))
     with np.errstate(invalid="ignore", over="ignore"):
-        return call({"nu": nu})
+        return _fourier_of_flat(source, nu, how)
 
 
 def _fourier_of_flat(source: Source | Differentiable, nu: Any, how: dict[str, Any]) -> Values:

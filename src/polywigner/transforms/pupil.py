@@ -16,6 +16,7 @@ from polywigner.geometry.arguments import (
     checked_number,
     checked_row,
     checked_wavelength,
+    only_given,
 )
 from polywigner.numerics import Floats
 from polywigner.source import Array
@@ -338,20 +339,12 @@ def image_distance(focal_length: Any, numerical_aperture: Any, radius: float) ->
     Exactly one of ``focal_length`` and ``numerical_aperture`` must be specified, otherwise
     ArgumentError is raised.
     """
-    if (focal_length is None) == (numerical_aperture is None):
-        raise ArgumentError(
-            "expected either focal_length or numerical_aperture, got "
-            + ("neither" if focal_length is None else "both")
-        )
-    if focal_length is not None:
+    given = {"focal_length": focal_length, "numerical_aperture": numerical_aperture}
+    if only_given(given) == "focal_length":
         return checked_length(focal_length, "focal_length")
-    sine = checked_number(numerical_aperture, "numerical_aperture", "a number from 0 to 1")
-    if not 0.0 < sine <= 1.0:
-        raise ArgumentError(
-            f"expected numerical_aperture above 0 and up to 1, got {sine:g}; in a medium "
-            "divide it and the wavelength by the refractive index"
-        )
-    return radius / sine
+    meaning = "above 0 and up to 1 (in a medium, divide it by the refractive index)"
+    name = "numerical_aperture"
+    return radius / checked_number(numerical_aperture, name, meaning, lambda x: 0.0 < x <= 1.0)
 
 
 def checked_energy(source: PhaseSpaceSource) -> float:

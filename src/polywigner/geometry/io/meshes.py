@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.arguments import warn_caller
-from polywigner.geometry.io.limits import MOST_FACES, check_coordinates, check_most
+from polywigner.geometry.arguments import check_most, warn_caller
+from polywigner.geometry.io.limits import MOST_FACES, check_coordinates
 from polywigner.geometry.polyhedron import heights_of, triangulate_faces
 from polywigner.geometry.rings import extent
 from polywigner.numerics import cluster_indices
@@ -65,7 +65,7 @@ def read_mesh(content: bytes, suffix: str) -> tuple[Points, NDArray[np.intp]]:
         ) from None
     if not mesh.faces:
         raise FileFormatError("the file contains no triangles; export the body as a mesh")
-    check_most(len(mesh.faces), MOST_FACES, "triangles", "simplify the mesh")
+    check_most(len(mesh.faces), MOST_FACES, "triangles", "simplify the mesh", FileFormatError)
     least, most = min(map(min, mesh.faces)), max(map(max, mesh.faces))
     if least < 0 or most >= len(mesh.vertices):
         raise FileFormatError(

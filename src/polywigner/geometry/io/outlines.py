@@ -17,6 +17,7 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, FileFormatError
+from polywigner.geometry.arguments import check_most
 from polywigner.geometry.io.limits import MOST_VERTICES, check_coordinates
 from polywigner.geometry.parts import (
     check_overlaps,
@@ -220,11 +221,8 @@ def flattened(outlines: Sequence[Sequence[Curve]], tolerance: float | None) -> l
 
 def _chord_count(steps: float) -> int:
     """Round a number of chords up, to at least 1; raise FileFormatError above a million."""
-    if not steps <= MOST_VERTICES:
-        raise FileFormatError(
-            f"expected at most {MOST_VERTICES} vertices, got more; simplify the outlines, or "
-            "pass a larger tolerance for curves"
-        )
+    remedy = "simplify the outlines, or pass a larger tolerance for curves"
+    check_most(steps, MOST_VERTICES, "vertices", remedy, FileFormatError)
     return max(1, math.ceil(steps))
 
 

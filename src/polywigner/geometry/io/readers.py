@@ -18,16 +18,22 @@ from polywigner.errors import (
     ArgumentError,
     FileFormatError,
     GeometryError,
-    MissingExtraError,
     PolywignerError,
+    at_key,
     missing_extra,
 )
 from polywigner.geometry.aperture import Aperture, PlacedAperture
-from polywigner.geometry.arguments import checked_flag, checked_length, checked_path
+from polywigner.geometry.arguments import check_most, checked_flag, checked_length, checked_path
 from polywigner.geometry.io.dxf import load_dxf
 from polywigner.geometry.io.gds import load_gds
 from polywigner.geometry.io.gerber import load_gerber
-from polywigner.geometry.io.limits import MOST_RINGS, MOST_VERTICES, bytes_of, check_most, text_of
+from polywigner.geometry.io.limits import (
+    MOST_RINGS,
+    MOST_VERTICES,
+    bytes_of,
+    checked_suffix,
+    text_of,
+)
 from polywigner.geometry.io.meshes import MESH_SUFFIXES, read_mesh
 from polywigner.geometry.io.outlines import OVERLAP_REMEDY, Drawing, File
 from polywigner.geometry.io.svg import PIXEL, load_svg
@@ -202,10 +208,9 @@ def _aperture_of(drawing: Drawing, union: bool) -> Aperture:
     """Return the aperture in metres of a drawing; ``union``: whether polygons may overlap."""
     polygons = drawing.polygons
     sizes = [len(ring) for rings in polygons for ring in rings]
-    check_most(
-        len(sizes), MOST_RINGS, "outlines", "use fewer outlines, such as one element of an array"
-    )
-    check_most(sum(sizes), MOST_VERTICES, "vertices", "simplify the outline")
+    remedy = "use fewer outlines, such as one element of an array"
+    check_most(len(sizes), MOST_RINGS, "outlines", remedy, FileFormatError)
+    check_most(sum(sizes), MOST_VERTICES, "vertices", "simplify the outline", FileFormatError)
     single = len(polygons) == 1
     names = ["the polygon" if single else f"polygon {number}" for number in range(len(polygons))]
 
@@ -315,12 +320,9 @@ def read_aperture(
     if tolerance is not None:
         tolerance = checked_length(tolerance, "tolerance", meaning=expected)
     layers, joins = _checked_layers(layer), checked_flag(union, "union")
-    try:
+    with at_key(str(source)), np.errstate(all="ignore"):
         file = File(source, bytes_of(source), metres, tolerance, layers, joins)
-        with np.errstate(all="ignore"):
-            return _aperture_of(_load_any_format(file), joins)
-    except (FileFormatError, GeometryError, MissingExtraError, ArgumentError) as error:
-        raise type(error)(f"{source}: {error}") from None
+        return _aperture_of(_load_any_format(file), joins)
 
 
 def read_polyhedron(path: str | os.PathLike[str], unit: str | float = "mm") -> Polyhedron:
@@ -432,18 +434,10 @@ def _read_mesh_file(
     The path is added to the messages of errors.
     """
     metres, source = _metres(unit), checked_path(path)
-    kind = source.suffix.lower()
-    try:
-        if kind not in MESH_SUFFIXES:
-            raise FileFormatError(
-                f"expected a mesh with the suffix {', '.join(MESH_SUFFIXES)}, got "
-                f"{source.suffix or 'no suffix'!r}; read outlines with polywigner.read_aperture"
-            )
-        with np.errstate(all="ignore"):
-            vertices, triangles = read_mesh(bytes_of(source), kind)
-            return build(_in_metres(vertices, metres), triangles)
-    except (FileFormatError, GeometryError) as error:
-        raise type(error)(f"{source}: {error}") from None
+    with at_key(str(source)), np.errstate(all="ignore"):
+        kind = checked_suffix(source, MESH_SUFFIXES, "read outlines with polywigner.read_aperture")
+        vertices, triangles = read_mesh(bytes_of(source), kind)
+        return build(_in_metres(vertices, metres), triangles)
 
 
 # Step to which normals and relative heights are rounded; triangles with equal rounded values form

@@ -22,6 +22,7 @@ import numpy as np
 from polywigner.errors import SceneError
 from polywigner.execution import Drjit, NumpyOperations, ops_for
 from polywigner.geometry import Wavefront
+from polywigner.geometry.arguments import check_most
 from polywigner.kernels.boundary import integrals
 from polywigner.kernels.boundary.integrals import distance_of
 from polywigner.mitsuba.plugins.mixtures import SceneSource
@@ -167,12 +168,8 @@ class ExactEstimator:
                 '"wigner"'
             )
         count = panels_in(radiator_of(plane_waves_of(spec.source)), spec.wavelength, _LONGEST)
-        if not count <= _MOST_PANELS:
-            raise SceneError(
-                f'the source has too many edges for the estimator "exact": {count:.0f} pieces of '
-                f"edges, counted once for each plane wave, at most {_MOST_PANELS} are allowed; "
-                'use the estimator "wigner"'
-            )
+        things = "pieces of the edges of a source, counted once for each plane wave"
+        check_most(count, _MOST_PANELS, things, 'use the estimator "wigner"', SceneError)
 
     def irradiance(self, light: WignerEmitter, it: mi.Interaction3f, x: mi.Point2f) -> Drjit:
         """Return the exact irradiance |U|^2 at a point in W/m^2, without the cosine of incidence.

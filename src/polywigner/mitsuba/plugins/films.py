@@ -15,7 +15,7 @@ import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.errors import ArgumentError, SceneError
+from polywigner.errors import SceneError
 from polywigner.execution import kernel_threads
 from polywigner.geometry.arguments import checked_count
 from polywigner.interruption import temporary_folder
@@ -236,10 +236,8 @@ def check_spp(spp: int) -> int:
 
 
 def check_seed(seed: int) -> int:
-    """Return ``seed``; raise ArgumentError unless it is an integer of at least zero."""
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
-        raise ArgumentError(f"expected seed to be an integer of zero or more, got {seed!r}")
-    return int(seed)
+    """Return ``seed``; raise ArgumentError unless it is an integer from 0 to 2^63 - 1."""
+    return checked_count(seed, "seed", 0, 2**63 - 1)
 
 
 def seed_of(seed: int, *part: int) -> int:

@@ -25,10 +25,10 @@ import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.errors import ArgumentError, SceneError
+from polywigner.errors import SceneError
 from polywigner.execution import Drjit
 from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import takes_frequency
+from polywigner.geometry.arguments import checked_count, takes_frequency
 from polywigner.mitsuba.plugins.emitter import ESTIMATORS, checked_parameters
 from polywigner.mitsuba.plugins.polariser import Polariser
 from polywigner.mitsuba.plugins.registration import (
@@ -436,10 +436,5 @@ def _film_entry(film: tuple[int, int] | Mapping[str, Any] | None) -> dict[str, A
     """Return the dictionary entry of a film from the argument ``film`` of `receiver`."""
     if isinstance(film, Mapping):
         return dict(film)
-    pixels = np.array((1, 1) if film is None else film)
-    if pixels.shape != (2,) or pixels.dtype.kind not in "iu" or pixels.min() < 1:
-        raise ArgumentError(
-            "expected film to be a pair (columns, rows) of integers of at least 1, or None for one "
-            f"pixel, got {film!r}"
-        )
-    return film_of(*pixels.tolist())
+    pixels = (1, 1) if film is None else film
+    return film_of(*(checked_count(size, "each size in film", 1) for size in pixels))

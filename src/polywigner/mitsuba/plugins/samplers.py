@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from polywigner.errors import SceneError
 from polywigner.execution import Drjit, ops_for
+from polywigner.geometry.arguments import finite_array
 from polywigner.geometry.convex import Trapezoids, point_in_trapezoid, trapezoids
 from polywigner.numerics import Floats
 from polywigner.source.normal_form import normal_form
@@ -49,9 +50,8 @@ def opaque(m: Any, value: float) -> Drjit:
 def single_number(number: Any, name: str) -> float:
     """Return a value as a float; raise SceneError unless it is a single finite number."""
     values = np.asarray(dr.detach(number), dtype=np.float64).ravel()
-    if values.size != 1 or not np.isfinite(values).all():
-        raise SceneError(f"expected {name} to be a single finite number, got {values.tolist()}")
-    return float(values[0])
+    expected = f"expected {name} to be a single finite number"
+    return float(finite_array(values, expected, (1,), error=SceneError)[0])
 
 
 def cells_with_field(m: Any, source: SceneSource, unit: float) -> Positions:

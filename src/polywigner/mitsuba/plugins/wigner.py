@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from polywigner.errors import SceneError
 from polywigner.execution import Drjit, DrjitOperations, Traced, kernel_with_derivatives, ops_for
 from polywigner.geometry import Aperture, Wavefront
+from polywigner.geometry.arguments import finite_array
 from polywigner.geometry.convex import trapezoids
 from polywigner.kernels import FOURIER, WIGNER, kernel_for, new_tables_of, outline_tables
 from polywigner.kernels.kernel import Kernel
@@ -309,12 +310,9 @@ class TracedSource:
 
     def _checked_pairs(self, name: str, flat: Drjit, count: int) -> NDArray[np.float32]:
         """Return a parameter as an array (count, 2); raise SceneError unless it is finite."""
-        values = np.array(dr.detach(flat), np.float32)
-        if values.size != 2 * count or not np.isfinite(values).all():
-            raise SceneError(
-                f"expected {name} to be {2 * count} finite numbers, two for each of {count}, got "
-                f"{values.size} numbers"
-            )
+        values = np.array(dr.detach(flat), np.float32).ravel()
+        expected = f"expected {name} to be {2 * count} finite numbers, two for each of {count}"
+        finite_array(values, expected, (2 * count,), error=SceneError)
         return values.reshape(-1, 2)
 
     def wigner(self, ops: Any, *point: Drjit) -> Drjit:

@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import checked_path, in_place, rigid_pose
+from polywigner.geometry.arguments import checked_path, checked_type, in_place, rigid_pose
+from polywigner.geometry.io.limits import checked_suffix
 from polywigner.mitsuba.plugins.mixtures import norm_of, support_of
 from polywigner.mitsuba.plugins.placement import PlacedSource
 from polywigner.mitsuba.radar.range_profile import checked_ranges
@@ -186,16 +187,10 @@ def _checked_elements(elements: Any) -> list[Aperture]:
     """Return the elements of an array, without weights; raise ArgumentError for other objects."""
     if isinstance(elements, Array):
         return list(elements.elements_in_plane)
-    parts = [elements] if isinstance(elements, Aperture) else elements
-    if (
-        not isinstance(parts, Sequence)
-        or not parts
-        or not all(isinstance(element, Aperture) for element in parts)
-    ):
-        raise ArgumentError(
-            f"expected elements to be an Array or a sequence of Apertures, got {elements!r}"
-        )
-    return list(parts)
+    expected = "elements to be an Array or a sequence of Apertures"
+    parts = checked_type(elements, expected, Aperture, Sequence)
+    parts = [parts] if isinstance(parts, Aperture) else parts
+    return [checked_type(part, expected, Aperture) for part in parts]
 
 
 def write_scatterers(cloud: Any, path: str | os.PathLike[str]) -> None:
@@ -218,11 +213,9 @@ def write_scatterers(cloud: Any, path: str | os.PathLike[str]) -> None:
     """
     file = checked_path(path)
     _contents_of(cloud)
-    if file.suffix.lower() == ".nc":
+    if checked_suffix(file, (".csv", ".nc"), error=ArgumentError) == ".nc":
         write_netcdf(cloud, file)
         return
-    if file.suffix.lower() != ".csv":
-        raise ArgumentError(f"expected a path with the suffix .csv or .nc, got {str(file)!r}")
     columns: dict[str, list[Any]] = {}
     for name, array in cloud.data_vars.items():
         if array.ndim == 2:

@@ -15,9 +15,9 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, SceneError, require
+from polywigner.errors import SceneError, require
 from polywigner.execution.progress import with_progress
-from polywigner.geometry.arguments import checked_choice, checked_count, checked_flag
+from polywigner.geometry.arguments import check_most, checked_choice, checked_count, checked_flag
 from polywigner.mitsuba.plugins.placement import PlacedSource
 from polywigner.mitsuba.plugins.registration import one_at_a_time
 from polywigner.mitsuba.radar.clouds import end_responses
@@ -32,7 +32,6 @@ from polywigner.numerics import Complex, Floats
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radar import CUBE_DIMS, FMCW, parse_waveform, waveform_attrs
 from polywigner.source import Array
-from polywigner.transforms.xarray_arguments import labelled_array
 
 if TYPE_CHECKING:
     import xarray
@@ -386,11 +385,8 @@ def _cloud_of(
     near = np.isfinite(lengths).all(axis=0)
     rates, wave = cloud["path_rate"].values[near] / SPEED_OF_LIGHT, radar.waveform
     within = np.abs(rates).max(initial=0.0) * wave.bandwidth * wave.samples * wave.time_step
-    if within > _MOST_WITHIN:
-        raise ArgumentError(
-            f"scatterers may move by at most {_MOST_WITHIN:g} range bins within a repetition, got "
-            f"{within:.3g} bins; use slower objects or a shorter waveform"
-        )
+    things = "range bins of motion within a repetition"
+    check_most(within, _MOST_WITHIN, things, "use slower objects or a shorter waveform")
     return _Cloud(
         responses[:, near], emitted[:, near], lengths[:, near] / SPEED_OF_LIGHT, rates,
         excess[:, near] / SPEED_OF_LIGHT,
@@ -587,4 +583,4 @@ def _dataset(signal: Any, radar: _Radar, about: dict[str, Any]) -> xarray.Datase
     attrs = {**waveform_attrs(radar.waveform), "period": radar.period, **about}
     about_signal = {"units": "sqrt(W)", "long_name": "samples; |.|^2 is power"}
     dataset = described(values, coords, attrs)
-    return dataset.assign(signal=labelled_array(signal, CUBE_DIMS, about_signal))
+    return dataset.assign(signal=(CUBE_DIMS, signal, about_signal))

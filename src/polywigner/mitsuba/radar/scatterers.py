@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, SceneError
-from polywigner.geometry.arguments import checked_count, finite_array
+from polywigner.geometry.arguments import checked_count, checked_type, finite_array
 from polywigner.mitsuba.plugins.diffraction import scene_known
 from polywigner.mitsuba.plugins.films import checked_finite, depths_of
 from polywigner.mitsuba.plugins.placement import placed_emitters
@@ -38,7 +38,6 @@ from polywigner.mitsuba.scenes.surfaces import (
 from polywigner.numerics import Floats
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.source import Array
-from polywigner.transforms.xarray_arguments import labelled_array
 
 if TYPE_CHECKING:
     import xarray
@@ -333,10 +332,7 @@ def _registry_number(kind: str, thing: Any) -> int:
 
 def checked_velocities(velocities: Mapping[str, ArrayLike]) -> dict[str, Floats]:
     """Check a mapping from ids to velocities in m/s, and return the velocities as arrays."""
-    if not isinstance(velocities, Mapping):
-        raise ArgumentError(
-            f"expected velocities to be a mapping from ids to (vx, vy, vz), got {velocities!r}"
-        )
+    checked_type(velocities, "velocities to be a mapping from ids to (vx, vy, vz)", Mapping)
     checked = {}
     for name, value in velocities.items():
         expected = (
@@ -380,8 +376,7 @@ def _dataset_of(
     }
     if motion is not None:
         values["path_rate"] = (unit * events.rate, along, "m/s", "growth of the path per second")
-    axes = {"axis": labelled_array(np.array(["x", "y", "z"]), ("axis",))}
-    return described(values, axes, about)
+    return described(values, {"axis": ["x", "y", "z"]}, about)
 
 
 def _ids(names: dict[int, str], numbers: NDArray[np.int64]) -> NDArray[np.str_]:

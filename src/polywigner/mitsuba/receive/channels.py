@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.execution.progress import with_progress
-from polywigner.geometry.arguments import checked_callable, checked_row
+from polywigner.geometry.arguments import checked_row
 from polywigner.mitsuba.plugins.mixtures import norm_of
 from polywigner.mitsuba.plugins.placement import (
     FacingParts,
@@ -56,7 +56,7 @@ from polywigner.mitsuba.scenes.reflectors import (
 from polywigner.mitsuba.scenes.rendering import hide_emitters, polarised_by_default
 from polywigner.mitsuba.scenes.surfaces import receivers_of
 from polywigner.numerics import Complex, Floats
-from polywigner.quantities import SPEED_OF_LIGHT, parse_frequency, wavelength_of
+from polywigner.quantities import SPEED_OF_LIGHT, parse_frequency
 from polywigner.reception import coupling
 from polywigner.scattering.near_fields import echo
 from polywigner.source.polarisation import checked_polarisation, components
@@ -149,16 +149,13 @@ def channel(
         requested = np.unique([SPEED_OF_LIGHT / emitter.wavelength for emitter in emitters])
     unit = receivers[0].scene_unit
     routes, notes = routes_in(scene, unit, options.reflections, options.bodies)
-    checked_callable(progress, "progress")
     pairs = list(product(receivers, emitters))
     links = []
-    with hide_emitters(scene), with_progress("links", pairs) as pairs_in_turn:
-        for number, (receiver, emitter) in enumerate(pairs_in_turn, 1):
+    with hide_emitters(scene), with_progress("links", pairs, progress) as pairs_in_turn:
+        for receiver, emitter in pairs_in_turn:
             paths, h, of_link = paths_between(scene, emitter, receiver, routes, options, requested)
             links.append((paths, h))
             notes = of_link + notes
-            if progress is not None:
-                progress(number, len(pairs))
     summary = polarisation_summary([*emitters, *receivers], True, options.polarisation)
     return _dataset(requested, receivers, emitters, routes, links, notes, summary)
 
@@ -172,8 +169,6 @@ def checked_frequencies(frequencies: Any) -> Floats:
     row = checked_row(values, expected)
     if row.size > _MOST_FREQUENCIES or not (np.isfinite(row) & (row > 0.0)).all():
         raise ArgumentError(f"{expected}, got {frequencies!r:.100}")
-    for value in row:
-        wavelength_of(float(value))
     return row
 
 

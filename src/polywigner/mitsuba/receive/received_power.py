@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import count, product
+from itertools import product
 from typing import Any, NamedTuple
 
 import drjit as dr
@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.execution.progress import slow_bar
-from polywigner.geometry.arguments import checked_callable
 from polywigner.mitsuba.plugins.diffraction import scene_known
 from polywigner.mitsuba.plugins.films import log_only_to, mean_of_colours, seed_of
 from polywigner.mitsuba.plugins.placement import (
@@ -282,11 +281,9 @@ def scattered_here(
 
     Return powers in W, shape (receivers, batches, lights, ...).
     """
-    done, total = count(1), len(plans) * BATCHES * len(lights_of(scene))
-    checked_callable(progress, "progress")
-    with slow_bar("renders", total) as advance:
-        report = advance if progress is None else lambda: progress(next(done), total)
-        return np.array([[p.batch(scene, k, report) for k in range(BATCHES)] for p in plans])
+    total = len(plans) * BATCHES * len(lights_of(scene))
+    with slow_bar("renders", total, progress) as advance:
+        return np.array([[p.batch(scene, k, advance) for k in range(BATCHES)] for p in plans])
 
 
 def _direct_lights(

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import mitsuba as mi
 import numpy as np
 
-from polywigner.errors import ArgumentError, PolywignerError, SceneError
-from polywigner.geometry.arguments import checked_count
+from polywigner.errors import SceneError, at_key
+from polywigner.geometry.arguments import check_most, checked_count, checked_type
 from polywigner.geometry.shapes import square
 from polywigner.mitsuba.scenes.surfaces import faces_of, sorted_shapes, vertices_of
 from polywigner.numerics import Complex, Floats
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 MOST_FACES = 32
 # Largest number of mirror sequences; each sequence takes a few milliseconds.
 _MOST_CHAINS = 5000
+# Advice for scenes with too many paths.
+_FEWER_PATHS = "allow fewer reflections, or give small mirrors a rough BSDF"
 # Largest difference between the normals, and between the offsets relative to the coordinates, of
 # planes that count as equal.
 _FLAT = 1e-5
@@ -116,12 +118,8 @@ def chains_of(mirrors: list[Mirror], most: int) -> Iterator[Chain]:
     """
     count = len(mirrors)
     total = sum(count * (count - 1) ** k for k in range(most)) if count else 0
-    if total > _MOST_CHAINS:
-        raise SceneError(
-            f"{count} flat mirrors with up to {most} reflections have {total} possible paths, at "
-            f"most {_MOST_CHAINS} are allowed; reduce the number of reflections, or give small "
-            "mirrors a rough BSDF"
-        )
+    things = f"paths via {count} flat mirrors with up to {most} reflections"
+    check_most(total, _MOST_CHAINS, things, _FEWER_PATHS, SceneError)
     chains: list[Chain] = [()]
     for _ in range(most):
         chains = [(*chain, m) for chain in chains for m in mirrors if chain[-1:] != (m,)]
@@ -376,11 +374,8 @@ def checked_bodies(bodies: Any) -> tuple[Body, ...]:
     """Convert the argument ``bodies`` of :func:`polywigner.mitsuba.channel` to bodies."""
     if bodies is None:
         return ()
-    if not isinstance(bodies, Mapping) or not all(isinstance(name, str) for name in bodies):
-        raise ArgumentError(
-            "expected bodies to be a dict whose values are bodies that pw.rcs accepts, or pairs of "
-            f"a body and a number of reflections, got {bodies!r:.100}"
-        )
+    expected = "bodies to be a dict of bodies, or pairs of a body and a number of reflections"
+    checked_type(bodies, expected, Mapping)
     return tuple(_body(name, value) for name, value in bodies.items())
 
 
@@ -389,10 +384,8 @@ def _body(name: str, value: Any) -> Body:
     bounces = 1
     if isinstance(value, tuple) and len(value) == 2 and isinstance(value[1], int | np.integer):
         value, bounces = value
-    try:
+    with at_key(f"the body {name!r}"):
         return Body(name, facets_of(value), checked_count(bounces, "reflections", 1, MOST_BOUNCES))
-    except PolywignerError as error:
-        raise ArgumentError(f"the body {name!r}: {error}") from None
 
 
 def _echoes_of(bodies: Sequence[Body], mirrors: Sequence[Mirror], reflections: int) -> list[Echo]:
@@ -404,12 +397,8 @@ def _echoes_of(bodies: Sequence[Body], mirrors: Sequence[Mirror], reflections: i
         raise SceneError(f"the name {name!r} belongs to a body and to a mirror; rename the body")
     single: list[Chain] = [(), *((mirror,) for mirror in mirrors if reflections)]
     pairs = [pair for pair in product(single, single) if sum(map(len, pair)) <= reflections]
-    if len(bodies) * len(pairs) > _MOST_PATHS:
-        raise SceneError(
-            f"{len(bodies)} bodies and the flat mirrors of the scene have "
-            f"{len(bodies) * len(pairs)} possible paths, at most {_MOST_PATHS} are allowed; allow "
-            "fewer reflections, or give small mirrors a rough BSDF"
-        )
+    things = "paths via bodies and flat mirrors"
+    check_most(len(bodies) * len(pairs), _MOST_PATHS, things, _FEWER_PATHS, SceneError)
     return [Echo(before, body, after) for body in bodies for before, after in pairs]
 
 

@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
-from itertools import count, permutations
+from itertools import permutations
 from typing import Any
 
 import drjit as dr
@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from polywigner.errors import ArgumentError, SceneError, StoreError
 from polywigner.execution.progress import slow_bar
-from polywigner.geometry.arguments import checked_callable, checked_count
+from polywigner.geometry.arguments import checked_count
 from polywigner.mitsuba.plugins import films
 from polywigner.mitsuba.plugins.diffraction import scene_known
 from polywigner.mitsuba.plugins.placement import placed_receiver
@@ -296,12 +296,8 @@ def render(
     image is the average of several passes.
     """
     exposure = exposed(scene, integrator, spp, seed, sensor)
-    checked_callable(progress, "progress")
-    done, steps = count(1), exposure.cut.steps
-    if progress is None:
-        with slow_bar("render", steps) as advance:
-            return with_delta_lights(exposure, exposure.full_image(advance))
-    return with_delta_lights(exposure, exposure.full_image(lambda: progress(next(done), steps)))
+    with slow_bar("render", exposure.cut.steps, progress) as advance:
+        return with_delta_lights(exposure, exposure.full_image(advance))
 
 
 # Class names of integrators that render radiance.

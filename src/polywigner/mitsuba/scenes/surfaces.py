@@ -19,6 +19,7 @@ import numpy as np
 
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.execution import Drjit
+from polywigner.geometry.arguments import check_most
 from polywigner.geometry.parts import connected
 from polywigner.geometry.silhouettes import Obstacle, Silhouette, is_convex
 from polywigner.numerics import Floats, Indices
@@ -264,11 +265,8 @@ def meshes_in(scene: mi.Scene, wavelength: float) -> Iterator[tuple[Floats, Indi
     for shape in sorted_shapes(scene):
         for points, faces in _triangles(shape, groups, wavelength):
             count += len(faces)
-            if count > _MOST_FACES:
-                raise SceneError(
-                    f"a scene with diffraction may have at most {_MOST_FACES} faces, including "
-                    "instances and spheres, but this scene has more; simplify the meshes"
-                )
+            things = "faces in a scene with diffraction, including instances and spheres"
+            check_most(count, _MOST_FACES, things, "simplify the meshes", SceneError)
             yield points, faces
 
 
