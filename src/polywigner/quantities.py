@@ -224,10 +224,12 @@ def wavelength_of(frequency: float) -> float:
 def parse_wavelength(frequency: str | float | None, wavelength: str | float | None) -> float | None:
     """Parse a frequency or a wavelength to a wavelength in metres; None without either.
 
-    Raises QuantityError for both, and for invalid quantities.
+    Raises QuantityError if both are specified, and for invalid quantities.
     """
     if frequency is not None and wavelength is not None:
-        raise QuantityError("expected either a frequency or a wavelength, got both; omit one")
+        raise QuantityError(
+            "expected either a frequency or a wavelength, got both; omit one of them"
+        )
     if frequency is not None:
         return wavelength_of(parse_frequency(frequency))
     return None if wavelength is None else parse_length(wavelength)

@@ -38,7 +38,7 @@ _MOST_SPREAD = 500.0
 def checked_bandwidth(bandwidth: Any, wavelength: float) -> float:
     """Return a bandwidth in Hz; raise ArgumentError unless it is below twice the frequency."""
     most = 2 * SPEED_OF_LIGHT / wavelength
-    meaning = f"in Hz above zero and below {most:.4g} Hz, twice the frequency"
+    meaning = f"a number of Hz above zero and below {most:.4g} Hz, twice the frequency"
     return checked_number(bandwidth, "bandwidth", meaning, lambda x: 0 < x < most)
 
 

@@ -59,7 +59,7 @@ _UNIT = 1e-6
 
 
 def checked_unit_vectors(name: str, vectors: Any, *shape: Any) -> Floats:
-    """Return unit vectors (..., 3), or one of ``shape`` (3,), with their length corrected to 1."""
+    """Return unit vectors (..., 3), or a vector of ``shape`` (3,), normalised to length 1."""
     array = unit_vectors_as_given(name, vectors, *shape)
     return np.asarray(array / np.linalg.norm(array, axis=-1, keepdims=True))
 
@@ -449,7 +449,7 @@ def _divided(pieces: Pieces, transmitter: Antenna, receiver: Antenna, tolerance:
         done.append(pieces.taken(np.flatnonzero(~coarse)))
         pieces = pieces.taken(np.flatnonzero(coarse))
         count += len(done[-1])
-        things = "pieces of the illuminated parts of the body with plane waves"
+        things = "pieces with plane waves on the illuminated parts of the body"
         remedy = "use a larger tolerance, or move the source away from the body"
         check_most(count + 4 * len(pieces), _MOST, things, remedy)
         pieces = _quartered(pieces)

@@ -89,7 +89,7 @@ def _only_key(table: Table, *origins: str) -> str:
     for key in ("unit", "layer", "union"):
         if present != "file" and getattr(table, key, None):
             raise FileFormatError(
-                f"the key {key!r} applies only to the key 'file', got it with {present!r}"
+                f"the key {key!r} applies only to the key 'file', got the key {present!r}"
             )
     return present
 

@@ -64,7 +64,7 @@ def checked_suffix(
     remedy: str = "use another format",
     error: type[PolywignerError] = FileFormatError,
 ) -> str:
-    """Return the suffix of a path in lower case; raise an error if it is not a known one."""
+    """Return the suffix of a path in lower case; raise an error for unknown suffixes."""
     suffix = path.suffix.lower()
     if suffix not in known:
         got = f"got {suffix or 'none'!r}; {remedy}"
