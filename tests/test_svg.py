@@ -311,7 +311,7 @@ def test_a_size_that_is_none_raises(read: Read, root: str) -> None:
 
 @pytest.mark.parametrize("tolerance", [0, -1e-5, math.nan, "1 mm", True])
 def test_a_tolerance_is_a_length_above_zero(read: Read, tolerance: object) -> None:
-    with pytest.raises(ArgumentError, match="tolerance to be metres above zero"):
+    with pytest.raises(ArgumentError, match="tolerance to be a length in m above zero"):
         read('<circle r="3"/>', tolerance=tolerance)
     with pytest.raises(FileFormatError, match="larger tolerance"):
         read('<circle r="3"/>', tolerance=1e-18)

@@ -18,7 +18,7 @@ from polywigner.errors import QuantityError, value_text
 SPEED_OF_LIGHT = 299_792_458.0
 """Speed of light in vacuum, m/s (exact, SI)."""
 
-# Exact fractions, because 3.1 * 0.001 is not the float nearest to 0.0031.
+# Sizes of units are exact fractions, because 3.1 * 0.001 is not the float nearest to 0.0031.
 _LENGTHS = {
     "km": Fraction(1000), "m": Fraction(1), "dm": Fraction(1, 10), "cm": Fraction(1, 100),
     "mm": Fraction(1, 1000), "um": Fraction(1, 10**6), "µm": Fraction(1, 10**6),
@@ -62,8 +62,8 @@ def _parse(
 ) -> float:
     """Convert a string such as "10 mm" to SI units; numbers are already in SI units.
 
-    Raises QuantityError for other values, and if ``positive`` for values of zero or less.
-    ``units``: size of each unit in SI units. ``kind`` and ``example`` describe the quantity in
+    Raises QuantityError for other values. With ``positive``, values of zero or less are errors,
+    too. ``units``: size of each unit in SI units. ``kind`` and ``example`` describe the quantity in
     error messages.
     """
     article = "an" if kind[0] in "aeio" else "a"
@@ -116,7 +116,7 @@ def parse_point(text: str) -> tuple[float, float]:
 
 
 def parse_unit(text: str | float) -> float:
-    """Parse the unit of a file, a name ("mm") or a length ("0.1 mm"), to metres.
+    """Parse the unit of a file, such as "mm" or "0.1 mm", to metres.
 
     A plain number is in metres. Raises QuantityError for other values.
     """
@@ -224,10 +224,12 @@ def wavelength_of(frequency: float) -> float:
 def parse_wavelength(frequency: str | float | None, wavelength: str | float | None) -> float | None:
     """Parse a frequency or a wavelength to a wavelength in metres; None without either.
 
-    Raises QuantityError for both, and for invalid quantities.
+    Raises QuantityError if both are specified, and for invalid quantities.
     """
     if frequency is not None and wavelength is not None:
-        raise QuantityError("expected either a frequency or a wavelength, got both; omit one")
+        raise QuantityError(
+            "expected either a frequency or a wavelength, got both; omit one of them"
+        )
     if frequency is not None:
         return wavelength_of(parse_frequency(frequency))
     return None if wavelength is None else parse_length(wavelength)
@@ -244,7 +246,7 @@ _UNITS = (LengthUnit("nm", 1e-9), LengthUnit("µm", 1e-6), LengthUnit("mm", 1e-3
 
 
 def length_unit(length: float) -> LengthUnit:
-    """Return the unit in which a length (m) is below 1000: nm, µm or mm; metres from 1 m on."""
+    """Return the unit for a length in m: nm, µm or mm if the value is below 1000, otherwise m."""
     for unit in _UNITS:
         if length < 1000 * unit.metres:
             return unit
@@ -252,6 +254,6 @@ def length_unit(length: float) -> LengthUnit:
 
 
 def length_text(*lengths: float) -> str:
-    """Return lengths in m as text, in the unit that suits the largest, such as ``20 x 12 mm``."""
+    """Return lengths in m as text such as ``20 x 12 mm``, in the unit for the largest length."""
     unit = length_unit(max(lengths))
     return f"{' x '.join(f'{length / unit.metres:.4g}' for length in lengths)} {unit.name}"

@@ -53,7 +53,7 @@ Scheduler = Annotated[Text, "Address of a trusted dask scheduler, such as tcp://
 
 
 def parse_step(text: str, least: float, largest: float) -> float:
-    """Parse a step of angles, such as "0.5 deg", to degrees; the limits are in degrees too."""
+    """Parse an angular step such as "0.5 deg" to degrees, with limits in degrees."""
     step = math.degrees(parse_angle(text))
     if not (1 - 1e-9) * least <= step <= largest:  # The conversion has rounding errors.
         expected = f"an angle of at least {least:.2g} deg and up to {largest:g} deg"
@@ -253,7 +253,7 @@ class SceneOptions:
     floor_db: DbFloor = -40.0
 
     def edges(self, default_bins: int) -> NDArray[np.float64] | None:
-        """Return the edges of the range bins, half path lengths in metres; None without --range."""
+        """Return the edges of the range bins (half path lengths in m), or None without --range."""
         import numpy as np
 
         if self.range_text is None:

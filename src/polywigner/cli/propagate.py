@@ -247,7 +247,7 @@ def volume(
 def print_differences(fields: Mapping[Any, xarray.DataArray], reference: str) -> None:
     """Print the largest and the rms level difference of each method from the reference, in dB.
 
-    Points more than 30 dB below the peak of the reference, and values of zero or below, are
+    Points more than 30 dB below the peak of the reference method, and values of zero or below, are
     excluded.
     """
     from polywigner.figures.levels import COMPARED_DB, summary
@@ -267,7 +267,7 @@ def print_differences(fields: Mapping[Any, xarray.DataArray], reference: str) ->
 def samples_of_region(
     source: Aperture | ApertureArray, region: Region, wavelength: float, amplitude: bool = False
 ) -> tuple[int, ...]:
-    """Return the requested numbers of samples, or the required numbers within limits.
+    """Return the requested numbers of samples, or by default the required numbers within limits.
 
     Warns if the field has fringes that require more samples than the limits.
     """

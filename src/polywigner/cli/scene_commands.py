@@ -86,7 +86,7 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
                 "the polarisation in the parameters of the receiver"
             )
         ready = time.perf_counter()
-        # Scenes whose paths have no lengths raise an error here, before the longer render.
+        # Scenes without path lengths raise an error here, before the slow render.
         if edges is not None:
             with kernel_threads(settings.threads):
                 frames = range_frames(
@@ -347,7 +347,7 @@ def _draw_receivers(
 
 
 def _range_summary(profile: xarray.Dataset, received: Sequence[ReceivedPower]) -> str:
-    """Return a line for each receiver: its strongest range bin, and the power outside."""
+    """Return a line for each receiver: its strongest range bin, and the power outside the range."""
     from polywigner.mitsuba.receive.power_results import dbm_text
 
     edges = profile["range_edge"].values

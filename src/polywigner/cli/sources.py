@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 _FREQUENCIES = (("THz", 1e12), ("GHz", 1e9), ("MHz", 1e6), ("kHz", 1e3), ("Hz", 1.0))
 _LONGEST_NAME = 32
 _MESHES = (".stl", ".ply", ".obj")
-# Relative difference up to which wavelengths count as equal; users type few digits.
+# Relative difference up to which wavelengths count as equal, because users type few digits.
 _SAME_WAVELENGTH = 1e-3
 
 
@@ -129,9 +129,9 @@ class SourceOptions(ReadingOptions, WaveOptions):
         self.length()
 
     def read(self) -> tuple[Aperture | ApertureArray, float | None]:
-        """Return the source, and its wavelength in metres from the options, else from the file.
+        """Return the source and its wavelength in metres, from the options or else from the file.
 
-        The wavelength is None if neither specifies one.
+        The wavelength is None if neither the options nor the file specify it.
         """
         from polywigner.geometry.arguments import warn_of_wavelength
         from polywigner.source.source_files import read_content
@@ -209,7 +209,7 @@ def _is_source_file(path: str) -> bool:
 
     suffix = Path(path).suffix.lower()
     if suffix == ".json":
-        # read_aperture reports these errors.
+        # Errors in the file are ignored here, because read_aperture reports them.
         with suppress(ValueError, RecursionError, OSError):
             content = json.loads(bytes_of(Path(path)))
             return isinstance(content, dict) and "kind" in content and "type" not in content
@@ -244,7 +244,7 @@ class FieldSourceOptions(SourceOptions):
     def _placed_obstacle(
         self, path: str, origin: tuple[float, ...], angles: tuple[float, ...]
     ) -> Polyhedron | PlacedAperture:
-        """Return an obstacle with its z axis rotated to theta, phi, then moved to ``origin``.
+        """Return an obstacle, rotated so that its z axis points to theta, phi, and then moved.
 
         ``origin`` is in m, and ``angles`` are theta and phi in rad. The axis of the rotation is
         normal to z.

@@ -34,10 +34,11 @@ from polywigner.numerics import phases
 # Largest number of cached functions, and largest number of recordings of each function. Arguments
 # with a single entry require a separate recording.
 _MOST, _MOST_RECORDINGS = 64, 8
-# Samples per chunk, if samples are sorted by cell and for edges as code. Launching a kernel takes
-# little time compared with such a chunk. The arguments of a chunk take some 10 MB and 5 MB. Sorted
-# chunks are larger because each cell then contains more samples. If code used such chunks, the C
-# library would return their memory to the system, and new memory would take a third of the time.
+# Numbers of samples per chunk: if samples are sorted by cell, and for edges as code. Launching a
+# kernel takes little time compared with such a chunk. The arguments of a chunk take some 10 MB and
+# 5 MB. Sorted chunks are larger because each cell then contains more samples. If code used such
+# chunks, the C library would return their memory to the system, and new memory would take a third
+# of the time.
 CHUNK, _CHUNK_OF_CODE = 1 << 18, 1 << 17
 
 Array = npt.NDArray[Any]
@@ -72,7 +73,8 @@ class _Frozen:
             try:
                 results: Values = self.replayed(*arguments)
             except RuntimeError as error:
-                # If an exception ends the function, Dr.Jit raises a RuntimeError instead.
+                # If an exception ends the function, Dr.Jit raises a RuntimeError, so the original
+                # exception is raised here.
                 raise error.__cause__ or error from None
             return results
 
@@ -143,7 +145,7 @@ def is_recordable(tables: Tables | OutlineTables) -> bool:
 
 
 def prevents_recording(kind: Any) -> bool:
-    """Return whether calls must not be recorded: in another recording, or without LLVM.
+    """Return whether calls cannot be recorded: within another recording, or without LLVM.
 
     ``kind`` is a Dr.Jit float type.
     """
@@ -273,7 +275,7 @@ def row_sums(
 
 # Smallest number of edges for which samples are sorted by cell (benchmarks/call_rates.py).
 _LEAST_EDGES_SORTED = 5
-# Samples per cell from which a lane of a vector computes several samples.
+# Smallest number of samples per cell for which a vector lane computes several samples.
 _LEAST_PER_CELL = 8
 # Dr.Jit records a function again if arguments of equal size get different sizes, or vice versa. The
 # size of table k is a multiple of _SIZES plus (k + 1) _APART, so no two tables have equal sizes.
@@ -356,7 +358,7 @@ class OnDrjitData:
         return self.kernel.leave(ops, frame, inner, sums)
 
     def _sent(self, number: int, table: Array) -> Drjit:
-        """Copy table ``number`` to the memory of the engine, padded to a size of its own."""
+        """Copy table ``number`` to the memory of the engine, padded to a unique size."""
         width = -(-table.size // _SIZES) * _SIZES + _APART * (number + 1)
         padded = np.zeros(width, table.dtype)
         padded[: table.size] = table.ravel()
@@ -418,8 +420,8 @@ def fills_lanes(slices: SliceSum, tables: Tables, grids: Iterable[PairGrid], sam
 
     Samples in the same cell of one grid may lie in different cells of another grid. The second view
     of a sum mirrors offsets, and the mirror images of offsets in one cell can lie in different
-    cells if an offset lies on the border of the cell. Terms for partly coherent light are not
-    written for several samples.
+    cells if an offset lies on the border of the cell. Terms for partly coherent light do not
+    support several samples per lane.
     """
     first, *others = grids
     is_single = tables.coherence is None and len(slices.views) == 1 and not others
@@ -436,7 +438,7 @@ def order_by_cell(
     """
     cells = grid.cell_map
     scale = key[0].side * slices.scale / cells.step
-    # The kernel rounds offsets to the grid in the same way.
+    # Offsets are rounded to the grid in the same way as in the kernel.
     offsets = cells.step * np.rint(scale * np.stack(inner[slices.position]))
     # A grid has fewer than 2^16 cells, and NumPy sorts 16-bit integers in linear time.
     cell = cells.at(offsets).astype(np.uint16)

@@ -36,7 +36,7 @@ def _is_tensor(value: Any) -> bool:
 def sibling(float_type: type, name: str) -> Callable[..., Drjit]:
     """Return the Dr.Jit type ``name`` with the backend and precision of a float type.
 
-    The name, such as "Array2f", is that of the type in single precision.
+    ``name`` is the name of the type in single precision, such as "Array2f".
     """
     suffix = "64" if float_type.__name__.endswith("64") else ""
     kind: Callable[..., Drjit] = getattr(sys.modules[float_type.__module__], name + suffix)
@@ -176,8 +176,8 @@ def _component_array(name: str, value: Any, float_type: type) -> Drjit:
 def _from_tensors(points: Points, float_type: type) -> tuple[dict[str, Drjit], tuple[int, ...]]:
     """Return points in tensors as flat component arrays, and their shape without components.
 
-    Raises ArgumentError if an argument is no tensor or array with 1 to 3 components, or if the
-    shapes do not broadcast.
+    Raises ArgumentError if an argument is neither a tensor nor an array with 1 to 3 components, or
+    if the shapes do not broadcast.
     """
     import drjit
 

@@ -20,7 +20,7 @@ Report = Callable[[int, int], None]
 # Time [s] after which a call draws a progress bar.
 _PATIENCE = 5.0
 
-# Number of visible progress bars. Calls do not nest bars.
+# Number of visible progress bars. While a bar is visible, other calls draw no bar.
 _bars = 0
 
 

@@ -32,7 +32,7 @@ Ring = tuple[Point, ...]
 Rings = tuple[Ring, ...]
 Source = pw.Aperture | pw.Array
 
-# Units per metre.
+# Number of units per metre.
 UNITS: Mapping[str, int] = {"m": 1, "cm": 100, "mm": 1000, "µm": 10**6, "nm": 10**9}
 TAPERS = {"uniform": None, "cosine": "cosine_taper", "Taylor 30 dB": "taylor_taper"}
 CATALOGUE: Mapping[str, Callable[[], Aperture]] = {
@@ -162,11 +162,11 @@ class History:
         self.position, self.gesture = len(self.states) - 1, gesture
 
     def can_move(self, steps: int) -> bool:
-        """Return whether a state ``steps`` later, or earlier if negative, exists."""
+        """Return whether there is a state ``steps`` steps later (earlier if negative)."""
         return 0 <= self.position + steps < len(self.states)
 
     def move(self, steps: int) -> None:
-        """Move by ``steps`` states, backwards if negative, unless no such state exists."""
+        """Move by ``steps`` states (backwards if negative), if there is such a state."""
         if self.can_move(steps):
             self.position, self.gesture = self.position + steps, ""
 
@@ -218,7 +218,7 @@ def geojson(state: State) -> str:
 def aperture_of(rings: Rings, per_metre: int) -> Aperture:
     """Return the aperture in metres for outlines in units of 1/``per_metre`` metre.
 
-    Raises GeometryError for no outlines or crossing outlines.
+    Raises GeometryError if there are no outlines, or if outlines cross.
     """
     if not rings:
         raise errors.GeometryError("there is no outline; draw an outline or choose a shape")

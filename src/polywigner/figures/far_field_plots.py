@@ -220,7 +220,7 @@ def _draw_cuts(
 def _plot_levels(
     axes: Axes, number: int, angles: Floats, levels: Floats, low: float, **line: Any
 ) -> None:
-    """Draw the levels of cut ``number``, clipped at ``low``; angles in the unit of the axes."""
+    """Draw the levels of cut ``number``, clipped at ``low``, over angles in the axes' unit."""
     default: dict[str, Any] = {"color": _COLOURS[number % 4], "ls": _DASHES[number % 4], "lw": 1.2}
     axes.plot(angles, np.maximum(levels, low), **(default | line))
 

@@ -204,7 +204,7 @@ def draw_range_profile(
         Index of the receiver.
     floor_db : float, default -60
         Lowest level in dB relative to the largest bin. The axis extends to 5 dB below the noise if
-        that is lower. Bins below the floor have no line.
+        this level is lower. Bins below the floor have no line.
     title : str, optional
         Title of the panel.
     ax : matplotlib.axes.Axes, default new axes
@@ -398,8 +398,9 @@ def draw_channel(
     """Draw channels over frequency and their impulse responses over delay.
 
     Each pair of emitter and receiver has a row; the first six pairs are drawn. The impulse response
-    is the mean of h exp(-2 pi i f t) over evenly spaced frequencies with a Hann window, so a single
-    path peaks at its level. Stems mark the paths at the centre frequency.
+    is the mean of h exp(-2 pi i f t) over evenly spaced frequencies with a Hann window, so the
+    response of a single path peaks at the level of the path. Stems mark the paths at the centre
+    frequency.
 
     Parameters
     ----------
@@ -463,7 +464,7 @@ def _draw_response(
 ) -> None:
     """Draw the impulse response of a channel in dB over the delay, and mark its paths.
 
-    ``frequencies`` are in Hz, and ``delays`` in s; NaN for paths that do not exist.
+    ``frequencies`` are in Hz. ``delays`` are in s, and NaN for paths that do not exist.
     """
     exists = np.isfinite(delays)
     steps = np.diff(frequencies)

@@ -73,7 +73,7 @@ def draw_levels(
     high: float | None = 0.0, label: str | None = None,
     **options: Any,
 ) -> Map:  # fmt: skip
-    """Draw levels from ``low`` (black) to ``high``; None selects the largest level.
+    """Draw levels from ``low`` (black) to ``high``, by default the largest level.
 
     A ``label`` adds a colour bar. See :func:`draw_map` for ``across`` and ``up``.
     """

@@ -63,11 +63,11 @@ class TransformSlices:
     frequency: NDArray[np.float64]
     """Values (n,) of each component of nu and of upsilon in 1/m."""
     fourier: NDArray[np.complex128]
-    """F (n, n) in m^2."""
+    """Fourier transform F in m^2, shape (n, n)."""
     wigner: NDArray[np.float64]
-    """W (n, n) in m^2."""
+    """Wigner function W in m^2, shape (n, n)."""
     ambiguity: NDArray[np.complex128]
-    """A (n, n) in m^2."""
+    """Ambiguity function A in m^2, shape (n, n)."""
 
 
 def transform_slices(
@@ -357,7 +357,7 @@ _COORDINATES = {
     "wigner": ("x", "y", "nu_x", "nu_y"),
     "ambiguity": ("upsilon_x", "upsilon_y", "xi_x", "xi_y"),
 }
-# Closed forms for the titles of tiles.
+# Formulas of some tiles without integrals, for the titles of the tiles.
 _KNOWN = {
     ("autocorrelation", "x", "y"): "R_x",
     ("autocorrelation", "xi_x", "xi_y"): r"R_\xi",
@@ -368,7 +368,7 @@ _KNOWN = {
 }
 _LETTERS = {"autocorrelation": "R", "wigner": "W", "ambiguity": "A"}
 
-# Negative values up to this fraction of the peak are rounding errors.
+# Largest magnitude of negative values that count as rounding errors, as a fraction of the peak.
 _NEGATIVE = 1e-9
 _INCHES = 3.3  # width of a panel with its colour bar
 
@@ -478,7 +478,7 @@ def _draw_tile(
         tile.attrs["units"]
     ]
     scale, printed = float(unit.metres**power), unit.name + exponent if power else ""
-    # 2.56e+04 becomes 2.56·10⁴.
+    # For example, 2.56e+04 becomes 2.56·10⁴.
     digits, _, tens = f"{peak / scale:.3g}".partition("e")
     times = rf"$\,\cdot\,10^{{{int(tens)}}}$" if tens else ""
     size = f"{digits}{times} {printed}".rstrip()
@@ -499,7 +499,7 @@ def _draw_tile(
 
 
 def _tile_title(kind: str, dims: tuple[str, ...], is_complex: bool) -> str:
-    """Return the formula of a tile: an integral over the coordinates that it lacks."""
+    """Return the formula of a tile: an integral over the coordinates that the tile lacks."""
     letter = _LETTERS[kind]
     integrated = [name for name in _COORDINATES[kind] if name not in dims]
     real = r"\mathrm{Re}\," if is_complex else ""

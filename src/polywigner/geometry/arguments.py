@@ -198,7 +198,7 @@ def broadcast_shape(*shapes: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def frozen(value: T) -> T:
-    """Return a value whose arrays, also in nested tuples, are read-only and contiguous.
+    """Make all arrays in a value, including nested tuples, read-only and contiguous.
 
     Arrays that are already contiguous are not copied but made read-only in place.
     """
@@ -385,7 +385,7 @@ def check_most(
 def checked_path(path: Any) -> Path:
     """Return a path, which need not exist, as an absolute path.
 
-    Raises ArgumentError for other values than nonempty text and path-like objects.
+    Raises ArgumentError unless the value is a nonempty string or a path-like object.
     """
     try:
         text = os.fspath(path)
@@ -469,7 +469,7 @@ def warn_caller(message: str, stacklevel: int = 3) -> None:
     warnings.warn(message, PolywignerWarning, stacklevel=stacklevel)
 
 
-# Suppresses repeated warnings when one public function calls another one.
+# Whether a public function is running, so that public functions inside it do not repeat warnings.
 _is_nested: ContextVar[bool] = ContextVar("_is_nested", default=False)
 
 # Lowest accepted frequency [Hz]; smaller values are probably in GHz.

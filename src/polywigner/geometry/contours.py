@@ -73,7 +73,7 @@ class Silhouette:
     bodies: Indices
     """Index of the body to which each edge belongs, shape (m,)."""
     behind: Indices
-    """Index of the face behind each edge as seen from the source, shape (m,); -1 if none."""
+    """Index of the face behind each edge as seen from the source, or -1, shape (m,)."""
     touching: frozenset[tuple[int, int]] = frozenset()
     """Pairs of bodies whose surfaces touch."""
     planes: Floats = field(default_factory=partial(np.empty, (0, 4)))
@@ -95,7 +95,7 @@ class Silhouette:
         return cls(**columns, touching=frozenset().union(*(part.touching for part in parts)))
 
     def is_like(self, other: Silhouette) -> bool:
-        """Return whether two silhouettes have the same edges, apart from how these are divided."""
+        """Return whether two silhouettes have the same edges, however the edges are divided."""
         keys, sums = self._lengths()
         other_keys, other_sums = other._lengths()
         within = _EQUAL * float(np.abs(self.edges).max(initial=0.0))
@@ -136,9 +136,9 @@ def net_contours(surface: Surface, observer: Floats, closed: float = 0.0) -> Sil
     """Return the net contours of the visible parts of a surface.
 
     Sides that two visible parts share cancel. ``surface``: the triangles that face the observer.
-    ``observer``: its position (3,). ``closed``: approximate width, in the unit of the positions, up
-    to which slits between bodies have no contours. Raises ArgumentError if too many triangles
-    overlap in projection.
+    ``observer``: position (3,) of the observer. ``closed``: approximate width, in the unit of the
+    positions, up to which slits between bodies have no contours. Raises ArgumentError if too many
+    triangles overlap in projection.
     """
     figures = _projections(surface, observer)
     parts = [
@@ -177,7 +177,7 @@ def _projected(
     """Project a surface along the z axis of a frame; drop triangles of zero width.
 
     ``frame``: x, y and z axes as rows. ``border``: whether sides on the border of the 90-degree
-    pyramid around the z axis are marked, so that they become no contours.
+    pyramid around the z axis are marked, so that they do not become contours.
     """
     corners = surface.corners - observer
     distance = float(np.exp(np.log(corners @ frame[2]).mean()))
@@ -276,9 +276,9 @@ class _Segments(Columns):
     triangle: Indices
     """Index of the triangle that contains each segment, shape (n,)."""
     side: Indices
-    """Index of the triangle's side on which the segment lies, shape (n,); -1 if none."""
+    """Index of the triangle's side on which the segment lies, or -1, shape (n,)."""
     edge: Indices
-    """Index of the mesh edge on which the segment lies, shape (n,); -1 if none."""
+    """Index of the mesh edge on which the segment lies, or -1, shape (n,)."""
 
     @cached_property
     def length(self) -> Floats:
@@ -355,8 +355,8 @@ class _Pairing:
         Call this method only once, because it removes the paired intervals from ``free``.
         """
         s, bodies = self.segments, self.surface.bodies
-        # Each piece: a segment, the start and end of an interval on it, and the segment behind it,
-        # or -1.
+        # Each piece consists of a segment, the start and end of an interval on this segment, and
+        # the segment behind the interval (or -1).
         pieces: list[tuple[int, float, float, int]] = []
         touching = set()
         for j, k in self._candidates():
@@ -375,7 +375,7 @@ class _Pairing:
             pieces += [
                 (k, low, high, -1)
                 for low, high in intervals
-                # Shorter pieces are the ends of closed slits.
+                # Shorter pieces are dropped, because they are the ends of closed slits.
                 if high - low > self.beside or high - low == s.length[k]
             ]
         pieces = [piece for piece in pieces if piece[2] - piece[1] > self.within]
@@ -413,7 +413,7 @@ class _Pairing:
         return list(zip(j[order].tolist(), k[order].tolist(), strict=True))
 
     def _projected_lengths(self, j: int, k: int, *lengths: float) -> list[float]:
-        """Return the nearest points on segment k to points on j, as lengths from the starts."""
+        """Return the points on segment k nearest to points on j, as lengths from the starts."""
         s = self.segments
         points = (s.begin[j] + t * s.unit[j] for t in lengths)
         return [float(np.clip((p - s.begin[k]) @ s.unit[k], 0.0, s.length[k])) for p in points]

@@ -131,8 +131,8 @@ def _nearer_parts(projected: Projected, hidden: Indices, before: Indices) -> tup
     """Return the parts of triangles that lie in front of the planes of other triangles.
 
     ``hidden`` and ``before``: indices (m,) of pairs of triangles that overlap in projection.
-    Returns the index of the hidden triangle and the part of the other triangle in front of its
-    plane, for each pair with such a part.
+    Returns the index of the hidden triangle, and the part of the other triangle in front of the
+    plane of the hidden triangle. Pairs without such a part are omitted.
     """
     slopes = projected.slopes
     offset = projected.points[before] - projected.points[hidden, :1]
@@ -153,8 +153,8 @@ def _nearer_parts(projected: Projected, hidden: Indices, before: Indices) -> tup
 def _clipped_where_positive(points: Floats, values: Floats) -> Shapes:
     """Return the parts of triangles (n, 3, 2) in which linear functions are positive.
 
-    ``values`` (n, 3): values of the function of each triangle at its corners, of which at least one
-    is positive.
+    ``values`` (n, 3): values of each triangle's function at its corners. At least one value per
+    triangle is positive.
     """
     following, following_values = np.roll(points, -1, axis=1), np.roll(values, -1, axis=1)
     crosses = (values > 0) != (following_values > 0)
@@ -239,8 +239,9 @@ def edges_around(shapes: Shapes) -> tuple[NDArray[np.intp], Floats, Floats]:
     points, of_ring = shapely.get_coordinates(rings, return_index=True)
     within = of_ring[1:] == of_ring[:-1]
     of_edge, begin, end = of_ring[1:][within], points[:-1][within], points[1:][within]
-    # Shapely's orientation test examines one corner, which may be a spike after rounding.
-    # A ring may be far smaller than its distance from the origin.
+    # Orientations are signs of areas, because shapely's orientation test examines one corner, which
+    # may be a spike after rounding. The areas refer to a vertex of each ring, because a ring may be
+    # far smaller than its distance from the origin.
     origin = begin[np.searchsorted(of_edge, of_edge)]
     (x, y), (next_x, next_y) = (begin - origin).T, (end - origin).T
     crosses = x * next_y - y * next_x
@@ -250,8 +251,8 @@ def edges_around(shapes: Shapes) -> tuple[NDArray[np.intp], Floats, Floats]:
     return owner[of_polygon[of_edge]], begin, end
 
 
-# GEOS returns lines and points where polygons touch, does not accept such results as arguments, and
-# may lose a polygon if edges almost coincide.
+# The following functions correct results of GEOS. GEOS returns lines and points where polygons
+# touch, does not accept such results as arguments, and may lose a polygon if edges almost coincide.
 
 # Grid spacing as a fraction of the extent, above rounding errors.
 GRID = 1e-14
@@ -262,7 +263,7 @@ _ROUNDING = 1e-14
 
 
 def intersections(one: Shapes, other: Shapes, grid: float | None = None) -> Shapes:
-    """Return the intersections of pairs of polygons (m,), empty polygons if there are none.
+    """Return the intersection of each pair of polygons (m,), which may be an empty polygon.
 
     ``grid``: spacing of the grid to which vertices are rounded; None for no rounding.
     """
@@ -286,7 +287,7 @@ def differences(one: Shapes, other: Shapes, grid: float | None = None) -> Shapes
 
 
 def unions(polygons: Shapes, numbers: Indices, extent: float) -> Shapes:
-    """Return the union of the polygons (m,) with the same number, for each number, shape (k,).
+    """Return the unions (k,) of polygons (m,) that have the same number.
 
     ``numbers`` (m,) ascend from 0 to k - 1. ``extent``: size of the figure.
     """
@@ -325,7 +326,7 @@ def polygonal(shapes: Any) -> Shapes:
     kinds = shapely.GeometryType.POLYGON, shapely.GeometryType.MULTIPOLYGON
     mixed = ~np.isin(shapely.get_type_id(result), kinds) & ~shapely.is_missing(result)
     parts, owner = shapely.get_parts(result[mixed], return_index=True)
-    # Geometry collections may be nested.
+    # Parts are extracted twice, because geometry collections may be nested.
     parts, inner = shapely.get_parts(parts, return_index=True)
     flat = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
     owner, number = np.unique(owner[inner][flat], return_inverse=True)
@@ -344,7 +345,7 @@ def _overlay(
     """
     try:
         return polygonal(operation(one, other, grid_size=grid))
-    # GEOS does not report which pair of polygons fails.
+    # GEOS does not report which pair of polygons fails, so the pairs are computed one by one.
     except GEOSException:
         pairs = zip(mended(one), mended(other), strict=True)
         return polygonal([_retried(partial(operation, *pair), pair, grid) for pair in pairs])

@@ -134,7 +134,7 @@ def _largest_distance(points: Vertices) -> float:
     radii = np.linalg.norm(offsets, axis=1)
     farthest = offsets[int(radii.argmax())]
     largest = float(np.linalg.norm(offsets - farthest, axis=1).max())
-    # A point at radius r is at most r + max(radii) from any other point.
+    # A point at radius r is at most r + max(radii) away from any other point.
     ends = offsets[radii >= (1 - _ROUNDING) * (largest - radii.max())]
     squares = (ends**2).sum(axis=1)
     for block in index_blocks(len(ends), _ROWS):
@@ -170,7 +170,7 @@ def _checked_faces(faces: Any, count: int) -> tuple[tuple[int, ...], ...]:
 def _check_closed(faces: Sequence[tuple[int, ...]]) -> None:
     """Raise GeometryError unless each directed edge occurs as often as its reverse.
 
-    Faces that occur repeatedly, with any first vertex, raise it too.
+    Faces that occur repeatedly, with any first vertex, also raise this error.
     """
     starts = [face.index(min(face)) for face in faces]
     canonical = Counter(f[k:] + f[:k] for f, k in zip(faces, starts, strict=True))
@@ -397,7 +397,7 @@ def _lies_inside(inner: Vertices, outer: Vertices) -> bool:
     """Return whether the triangles ``inner`` (m, 3, 3) lie inside the closed surface ``outer``.
 
     The centroids of about 16 of the triangles must all be inside. Centroids on the surface are
-    ignored; if all are on it, the result is False.
+    ignored; if all centroids are on the surface, the result is False.
     """
     centroids = inner[:: max(1, len(inner) // _SAMPLES)].mean(axis=1)
     size = float(np.ptp(outer.reshape(-1, 3), axis=0).max())

@@ -41,10 +41,11 @@ PAIRS, _PAIRS_OF_TRIANGLES = 1 << 20, 1 << 14
 _MOST_FACES = 1 << 15
 # Margin added to the half-angle of cones around bodies [rad], larger than rounding errors.
 _WIDER = 1e-6
-# Winding number above which a point counts as inside a body; it is 1 apart from rounding errors.
+# Winding number above which a point counts as inside a body; inside, it is 1 apart from rounding
+# errors.
 _IN = 0.9975
-# Largest distance between bodies that count as in contact: in wavelengths, because a narrower slit
-# transmits no field; and as a fraction of the extent, for float32 coordinates.
+# Largest distances between bodies that count as in contact: one in wavelengths, because a narrower
+# slit transmits no field, and one as a fraction of the extent, for float32 coordinates.
 _CLOSED, _ROUNDED = 0.05, 1e-6
 # Largest difference between the unit normals of faces that count as lying in one plane.
 _SKEW = 1e-5
@@ -75,14 +76,14 @@ class Obstacle:
     def heights(self, source: Floats) -> Floats:
         """Return the signed distances (t,) of a source point (3,) from the planes of the triangles.
 
-        They are positive for a source in front of a triangle.
+        The distance is positive if the source is in front of the triangle.
         """
         normals = self.normals / np.linalg.norm(self.normals, axis=1)[:, None]
         first = self.vertices[self.triangles[:, 0]]
         return np.asarray(np.einsum("tk,tk->t", normals[self.owner], source - first))
 
     def facing(self, source: Floats) -> Floats:
-        """Return 1 for triangles that face a source, -1 if a plate's back faces it, otherwise 0.
+        """Return 1 for triangles that face a source, -1 for plates seen from behind, otherwise 0.
 
         ``source``: source point (3,). The result has the shape (t,).
         """
@@ -91,7 +92,7 @@ class Obstacle:
 
     @property
     def rim(self) -> Floats | None:
-        """Ends (m, 2, 3), in any order, of edges of only one triangle; None for closed meshes."""
+        """Ends (m, 2, 3) of the edges that belong to only one triangle; None for closed meshes."""
         ends = np.stack([self.triangles, np.roll(self.triangles, -1, axis=1)], axis=2)
         keys, times = np.unique(np.sort(ends.reshape(-1, 2), axis=1), axis=0, return_counts=True)
         return self.vertices[keys[times == 1]] if (times == 1).any() else None
@@ -139,8 +140,8 @@ class Obstacle:
         """Return the segments (k, 2, 2) in which the surface meets a plane.
 
         The plane contains ``origin`` (3,) and the orthonormal vectors ``along`` (2, 3). The
-        segments are in coordinates along these vectors. A plate in the plane has its boundary as
-        segments.
+        segments are in coordinates along these vectors. For a plate in the plane, the segments are
+        its boundary.
         """
         normal = np.cross(*along)
         height = (self.vertices - origin) @ normal
@@ -367,7 +368,7 @@ class Obstacles:
 
     @cached_property
     def groups(self) -> Indices:
-        """Smallest index of the bodies in the group of each body, connected by contacts, (k,)."""
+        """Smallest index of the bodies that contacts connect to each body, shape (k,)."""
         return connected(len(self.bodies), *self.contacts.T)
 
     @cached_property
@@ -411,7 +412,7 @@ class Obstacles:
         return np.concatenate(rows)
 
     def flush_with(self, body: int, plane: Floats, planes: Floats) -> Indices:
-        """Return the bodies with a face in a ``plane`` (4,) that chains of contacts join to a body.
+        """Return the bodies with a face in a ``plane`` (4,) that contacts connect to a given body.
 
         ``body``: index of the body, which may be in the result. ``planes`` (f, 4): result of
         :meth:`face_planes`. A body without contacts is returned even if it has no such face.
@@ -511,9 +512,9 @@ def _cone(points: Floats) -> tuple[Floats, float]:
 def hits(corners: Floats, rays: Floats) -> Iterator[tuple[slice, Floats, Floats]]:
     """Intersect rays (k, 3) from the origin with triangles (t, 3, 3), in blocks of rays.
 
-    Yields slices of the rays; intersections (k, t) as positive fractions of the ray lengths, which
-    may exceed 1 and are infinite if a ray misses a triangle; and the unsigned distances (t,) of the
-    origin from the planes of the triangles.
+    Yields slices of the rays, intersections (k, t), and the unsigned distances (t,) of the origin
+    from the planes of the triangles. Intersections are positive fractions of the ray lengths, which
+    may exceed 1 and are infinite if a ray misses a triangle.
     """
     *sides, heights = np.split(pyramids(corners), [3, 6, 9], axis=1)
     height = heights[:, 0]
@@ -565,7 +566,7 @@ def contacts(
 def _overlapping_boxes(boxes: Floats, others: Floats, within: float) -> tuple[Indices, Indices]:
     """Return indices (m,) and (m,) of pairs of boxes, at most ``within`` apart along each axis.
 
-    A box (2, 3) is given by its lower and upper corners; the pairs consist of one of ``boxes``
+    A box (2, 3) is given by its lower and upper corners. Each pair consists of one of ``boxes``
     (n, 2, 3) and one of ``others``.
     """
     low, high = boxes[:, 0] - within, boxes[:, 1] + within
@@ -579,7 +580,7 @@ def _near(one: Floats, other: Floats, within: float) -> Iterator[tuple[Floats, F
     """Yield pairs of triangles whose boxes are at most ``within`` apart.
 
     The pairs consist of a triangle of the mesh ``one`` (t, 3, 3) and a triangle of the mesh
-    ``other``. They are yielded in blocks of two arrays (n, 3, 3).
+    ``other``. The pairs are yielded in blocks of two arrays (n, 3, 3).
     """
     boxes = [np.stack([mesh.min(axis=1), mesh.max(axis=1)], axis=1) for mesh in (one, other)]
     rows = []

@@ -38,7 +38,7 @@ _MOST_SPREAD = 500.0
 def checked_bandwidth(bandwidth: Any, wavelength: float) -> float:
     """Return a bandwidth in Hz; raise ArgumentError unless it is below twice the frequency."""
     most = 2 * SPEED_OF_LIGHT / wavelength
-    meaning = f"in Hz above zero and below {most:.4g} Hz, twice the frequency"
+    meaning = f"a number of Hz above zero and below {most:.4g} Hz, twice the frequency"
     return checked_number(bandwidth, "bandwidth", meaning, lambda x: 0 < x < most)
 
 
@@ -118,16 +118,17 @@ def checked_plane_positions(x: Any) -> Floats:
     return finite_array(x, "expected finite positions x of shape (..., 2)", (..., 2))
 
 
-# Largest source size [wavelengths]. A square of this size requires 1.5e11 directions, half a day on
-# two cores.
+# Largest source size [wavelengths]. A square of this size requires 1.5e11 directions, which take
+# half a day on two cores.
 _MOST_WAVELENGTHS = 1e5
-# Directions per block, which take a few MB.
+# Number of directions per block; a block takes a few MB.
 _BLOCK = 1 << 17
 
 # Source size [wavelengths] above which the integral over lags is used, because sums over directions
 # would take seconds.
 _WIDE = 600.0
-# Relative difference between the powers from the two cut-offs above which directions are summed.
+# Largest accepted relative difference between the powers from the two cut-offs. If the difference
+# is larger, the power is a sum over directions.
 _SAME = 1e-6
 # Largest spatial frequency of a field for the integral over lags, as a fraction of 1/wavelength.
 _STEEP = 0.8
@@ -139,9 +140,10 @@ _ENDS = (4.5, 6.5)
 # Distance from the larger cut-off lag to the end of the integral, in units of the cut-off width.
 # Longer lags contribute 1e-14.
 _BEYOND = 5.5
-# Number of edge directions above which lag angles are spaced evenly, not divided into panels.
+# Largest number of edge directions for which lag angles are divided into panels; otherwise, the
+# angles are evenly spaced.
 _MOST_KINKS = 48
-# Smallest number of Gauss nodes per panel of angles, and number per wavelength of lag.
+# Smallest number of Gauss nodes per panel of angles, and number of nodes per wavelength of lag.
 _ON_PANEL, _ON_PERIOD = 8, 12
 # Largest phase [rad] per panel of theta, because computing n Gauss nodes takes a time of order n^3.
 _PANEL = 400.0
@@ -182,7 +184,7 @@ def check_width(lag: float, wavelength: float) -> None:
     """Raise ArgumentError if a source of size ``lag`` is wider than 100,000 wavelengths."""
     remedy = (
         "check the unit of the wavelength (wide sources radiate all power except the fraction "
-        "perimeter wavelength/area)"
+        "perimeter * wavelength / area)"
     )
     things = "wavelengths across a source for integrals over directions"
     check_most(lag / wavelength, _MOST_WAVELENGTHS, things, remedy)
@@ -192,9 +194,9 @@ def directions_and_weights(lag: float, wavelength: float) -> Iterator[tuple[Floa
     """Yield quadrature nodes on the hemisphere: unit vectors (n, 3) and solid angles (n,).
 
     For a source of size ``lag`` in m, the rule integrates W or |F|^2, also multiplied by
-    polynomials in the vector components, with an error of 1e-14 of the largest value. It has about
-    15 (lag/wavelength)^2 nodes, at least a hundred. Raises ArgumentError for sources that are too
-    large.
+    polynomials in the vector components, with an error of 1e-14 of the largest value. The rule has
+    about 15 (lag/wavelength)^2 nodes, at least a hundred. Raises ArgumentError for sources that are
+    too large.
     """
     check_width(lag, wavelength)
     phase = 2 * math.pi * lag / wavelength
@@ -222,7 +224,7 @@ def _directions_on_rings(theta: Floats, weight: Floats, counts: Indices) -> tupl
 
 def _azimuth_counts(phase: Floats) -> Indices:
     """Return the numbers of azimuths for integrals of exp(i phase cos(phi)) cos(phi)^m, m <= 2."""
-    # The error 2 J_n(phase) is 3e-15. Constants fitted to phases from 0.1 to 3000.
+    # The error 2 J_n(phase) is 3e-15. The constants were fitted to phases from 0.1 to 3000.
     return np.ceil(phase + 11.0 * np.cbrt(phase) + 9.0).astype(np.intp)
 
 
@@ -247,7 +249,7 @@ def _polar_nodes(phase: float) -> tuple[Floats, Floats]:
 def power_by_lags(
     source: PlaneSource | Wavefront, wavelength: float, obliquity: str
 ) -> float | None:
-    """Return the power of a wide source in W as an integral over lags (E5).
+    """Return the power of a wide source in W as an integral over lags, equation (E5).
 
     Returns None if a sum over directions is required.
     """
@@ -294,7 +296,7 @@ def _lag_angles(source: PlaneSource | Wavefront, rate: float) -> tuple[Floats, F
 
     ``rate``: bound on the phase derivative of the autocorrelation with respect to the angle.
     """
-    # The autocorrelation has kinks at lags along edges.
+    # The autocorrelation has kinks at lags along edges, so panels of angles end at these lags.
     flat: Any = flat_source(source)
     rings = [ring for element in getattr(flat, "distinct", (flat,)) for ring in element.rings]
     along = np.concatenate([np.roll(ring, -1, axis=0) - ring for ring in rings])

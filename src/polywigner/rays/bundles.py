@@ -140,7 +140,7 @@ def _columns(count: int, *values: Any) -> tuple[Floats, Floats, Floats]:
         columns.append(real_array(value, f"expected {name} of shape {shape}", shape))
     position, direction, weight = columns
     with np.errstate(over="ignore"):
-        # False for lost rays, which contain NaN.
+        # The comparison is false for lost rays, which contain NaN.
         wrong = np.abs(np.linalg.norm(direction, axis=1) - 1) > _UNIT
     if wrong.any():
         raise ArgumentError(
@@ -152,7 +152,7 @@ def _columns(count: int, *values: Any) -> tuple[Floats, Floats, Floats]:
 
 _MOST_ALONG_AXIS = 1 << 14
 _MOST_PIXELS = 1 << 22
-# Rays per block, which take about 100 MB.
+# Number of rays per block; a block takes about 100 MB.
 _BLOCK = 1 << 20
 # Distance behind the plane that counts as a rounding error, relative to the largest coordinate.
 _ON_PLANE = 1e-9
@@ -300,7 +300,7 @@ def _plane_pose(plane: Any) -> Floats:
     """Return the pose (4, 4) of a plane, specified by a pose or by its z in m."""
     if shape_of(plane) == "()":
         pose = np.eye(4)
-        pose[2, 3] = checked_number(plane, "plane", "its z in m, or a (4, 4) pose")
+        pose[2, 3] = checked_number(plane, "plane", "a z coordinate in m, or a (4, 4) pose")
         return pose
     return rigid_pose(plane)
 
@@ -337,7 +337,8 @@ _MICROMETRE = 1e-6
 # Sign of the powers, suffix of the file name, and description in the header.
 _SIGNED = 1, "", "signed"
 _SPLIT = (1, "_positive", "positive part"), (-1, "_negative", "negative part, to be subtracted")
-# Description in headers of polywigner's files: number of drawn rays, and sign of their powers.
+# Pattern of descriptions in headers of polywigner's files: number of drawn rays, and sign of their
+# powers.
 _OURS = re.compile(r"polywigner rays of (\d+): (signed|positive|negative)")
 
 
@@ -508,7 +509,7 @@ def load(path: str | os.PathLike[str]) -> xarray.Dataset:
         raise wrong("directions or powers that are NaN")
     if not direction.any(axis=1).all():
         raise wrong("directions of length zero")
-    # Single precision has errors of 6e-8.
+    # Directions are normalised again, because single precision has errors of 6e-8.
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     if ours := _OURS.match(header["Description"].decode("utf-8", "replace")):
         attrs["count"] = int(ours[1])

@@ -43,8 +43,8 @@ if TYPE_CHECKING:
     import xarray
 
 
-# Three perpendicular mirrors return a wave to its source. Each further reflection multiplies the
-# number of beams.
+# Largest number of reflections, which suffices for corner reflectors of three perpendicular
+# mirrors. Each further reflection multiplies the number of beams.
 MOST_BOUNCES = 3
 
 
@@ -103,9 +103,9 @@ def rcs(
 
     The current on an illuminated face is 2 n x H, as on an infinite plane with the normal n in the
     incident magnetic field H. The scattered field of each face is the exact Fourier transform of
-    its polygon, (SC1). The parts of faces visible from transmitter and receiver are exact polygons.
-    Physical optics is valid near specular directions, for faces of several wavelengths or more and
-    for fine meshes of smooth bodies. Edge diffraction is not included.
+    its polygon, equation (SC1). The parts of faces visible from transmitter and receiver are exact
+    polygons. Physical optics is valid near specular directions, for faces of several wavelengths or
+    more and for fine meshes of smooth bodies. Edge diffraction is not included.
 
     Array arguments broadcast against each other.
 
@@ -236,7 +236,7 @@ def rcs(
         area, power = near_sections(facets, to_radar, to_transmitter, lengths, *radar)
         return (area[()], power[()]) if return_power else area[()]
     if receiver is not None or return_power:
-        raise ArgumentError("receiver and return_power require a source; pass source=")
+        raise ArgumentError("receiver and return_power require a source; pass the argument source")
     return far_sections(facets, lengths, to_radar, to_transmitter, polarisation, reflections)[()]
 
 
@@ -289,7 +289,7 @@ def warn_of_small(facets: Facets, wavelength: float) -> None:
 def _power(
     sums: Complex, later: Complex | None, k: Floats, s: Floats, polarisations: list[Complex]
 ) -> Floats:
-    """Return ``|q.(N x h + M h)|^2`` of (SC1) and (SC6) in m^4 for m samples.
+    """Return ``|q.(N x h + M h)|^2`` of equations (SC1) and (SC6) in m^4 for m samples.
 
     ``sums`` is N and ``later`` is M. ``polarisations``: q of the receiver and p of the incident
     wave with h = k x p. Without them, the total power is averaged over incident polarisations.
@@ -312,7 +312,7 @@ def _power(
 
 
 _REFLECTIONS = {1: "one reflection", 2: "two reflections", 3: "three reflections"}
-# Directions per block.
+# Number of directions per block.
 _TOGETHER = 200
 # Largest number of directions tested for further reflections.
 _MOST_WARNED = 4096

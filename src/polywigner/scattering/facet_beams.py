@@ -1,8 +1,8 @@
-"""Fields scattered by illuminated surfaces, after one or several reflections (SC6).
+"""Fields scattered by illuminated surfaces after one or several reflections, equation (SC6).
 
 A face reflects a plane wave as a beam, whose cross section is the illuminated polygon. If space is
-unfolded at each mirror, all beams continue along the incident direction. Their cross sections lie
-in the transmitter's image plane and shrink with each reflection.
+unfolded at each mirror, all beams continue along the incident direction. The cross sections of the
+beams lie in the transmitter's image plane and shrink with each reflection.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ from polywigner.scattering.facets import (
 
 # Largest number of pairs of a beam and a triangle, which take several minutes.
 _MOST_COMPARED = 4e8
-# Pairs of a beam and a triangle per block, which take 100 MB.
+# Number of pairs of a beam and a triangle per block, which take 100 MB.
 _BLOCK = 1 << 19
 # Errors in single directions: failures of GEOS, and exceeded limits of memory or time.
 _ERRORS = GEOSException, ArgumentError
@@ -66,10 +66,10 @@ def sums_of_beams(
     """Return the scattering amplitudes N (m, 3) and M (m, 3, 3) in m^2 for m pairs of directions.
 
     Waves travel along ``k`` (m, 3) to receivers in the directions ``s`` (m, 3). ``lengths`` (m,):
-    wavelengths in m. The scattered field is ``N x h + M h`` for the incident magnetic field h
-    (SC6), with phases relative to the body's centre; N contains the first reflection, M the later
-    ones. M is None without later reflections. N is NaN, with a warning, for directions that fail.
-    Raises ArgumentError if all directions have too many beams.
+    wavelengths in m. The scattered field is ``N x h + M h`` for the incident magnetic field h,
+    equation (SC6), with phases relative to the body's centre. N contains the first reflection, and
+    M contains all later reflections. M is None without later reflections. N is NaN, with a warning,
+    for directions that fail. Raises ArgumentError if all directions have too many beams.
     """
     nu = (s - k) / lengths[:, None]
     if not facets.casts_shadows:
@@ -190,7 +190,8 @@ def _views(
     groups = np.split(order, ends) if len(pairs) else []
     for pair, rows in zip(pairs, groups, strict=True):
         try:
-            # Pairs are sorted by transmitter.
+            # Pairs are sorted by transmitter, so that illuminated parts are computed once per
+            # transmitter.
             if lit is None or (pair[:3] != last).any():
                 last, lit = pair[:3], None
                 lit = visible_along(facets, pair[:3])
@@ -317,7 +318,8 @@ def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
     pairs, corners = beams.subset(beam), facets.corners[facet]
     unfolded = corners @ np.swapaxes(pairs.rotation, 1, 2) + pairs.shift[:, None]
     axes = np.concatenate([ends.across, ends.k[:, None]], axis=1)[pairs.wave]
-    # Components: two across the incident direction, one along it.
+    # Each point has two components across the incident direction and one component along this
+    # direction.
     points = unfolded @ np.swapaxes(axes, 1, 2)
     ahead = _heights(facets, pairs, corners)
     # Restore the counter-clockwise order.
@@ -413,7 +415,7 @@ def _displaced_boxes(points: Floats, beam: Indices, size: float) -> Shapes:
 
 
 def _add_fields(later: Complex, facets: Facets, hits: Hits, ends: Ends, lengths: Floats) -> None:
-    """Add the fields of visible ``hits`` to the matrices M of (SC6), shape (m, 3, 3)."""
+    """Add the fields of visible ``hits`` to the matrices M of equation (SC6), shape (m, 3, 3)."""
     hit, view = _members(hits.beams.wave[hits.beam], ends.views)
     facet, signs, parts = hits.facet[hit], hits.signs[hit], hits.part[hit]
     visible = np.stack([visible.signs for visible in ends.visible])[view, facet]
@@ -426,7 +428,7 @@ def _add_fields(later: Complex, facets: Facets, hits: Hits, ends: Ends, lengths:
     beams, view = hits.beams.subset(hits.beam[hit[owner]]), view[owner]
     back = np.swapaxes(beams.rotation, 1, 2)
     k = ends.k[beams.wave]
-    # Path lengths at a corner and along two sides. Divided by the wavelength, they are phases in
+    # The path lengths at a corner and along two sides, divided by the wavelength, are phases in
     # cycles.
     rate = ends.s[view] - _transformed(back, k)
     corner, first, second = (

@@ -146,7 +146,7 @@ def _bodies(body: Any) -> tuple[Polyhedron | PlacedAperture, ...]:
     )
 
 
-# Hashing a million vertices takes some ms, less than computing their triangles.
+# Hashing a million vertices takes some ms, which is less than the computation of their triangles.
 @lru_cache(maxsize=16)
 def _facets(parts: tuple[Polyhedron | PlacedAperture, ...]) -> Facets:
     """Return the triangles of all bodies and plates."""
@@ -351,16 +351,16 @@ Signs = Callable[[slice, slice], Sides]
 
 _OPS = execution.NumpyOperations()
 _TITLE = "radar cross sections"
-# Product of the numbers of triangles and directions per block. About twenty arrays of this size fit
-# in the processor's cache.
+# Largest product of the numbers of triangles and directions per block. About twenty arrays of this
+# size fit into the processor's cache.
 _AT_ONCE = 1 << 14
 
 
 def surface_sums(pieces: Pieces, nu: Floats, signs: Signs | None = None) -> Complex:
-    """Return the Fourier transform N of (SC1) in m^2 at frequencies nu (m, 3) in 1/m, shape (m, 3).
+    """Return the Fourier transform N, equation (SC1), in m^2 at frequencies nu (m, 3) in 1/m.
 
     ``signs``: function that returns the signs for a slice of frequencies and a slice of triangles,
-    0 for dark triangles. By default all signs are 1.
+    0 for dark triangles. By default all signs are 1. The result has the shape (m, 3).
     """
     result = np.zeros((len(nu), 3), np.complex128)
     columns = max(1, min(len(pieces), _AT_ONCE))
@@ -382,7 +382,7 @@ def surface_sums(pieces: Pieces, nu: Floats, signs: Signs | None = None) -> Comp
 
 
 def triangle_transforms(corner: Floats, first: Floats, second: Floats) -> Complex:
-    """Return the Fourier transforms of triangles, divided by twice their areas (F5).
+    """Return the Fourier transforms of triangles divided by twice their areas, equation (F5).
 
     The arguments are dot products of the frequency with the first corner and with both sides, in
     cycles. Waves are exp(-2 pi i nu.x).
@@ -397,11 +397,12 @@ _NEAR = 1e-6
 _MOST_DIRECTIONS = 256
 # Smallest and largest number of rays per direction.
 _FEWEST_RAYS, _MOST_RAYS = 16, 128
-# Product of the total numbers of rays and triangles, which takes a second or two.
+# Largest product of the total numbers of rays and triangles, which takes a second or two.
 _MOST_TESTS = 1 << 21
-# Product of the numbers of rays and triangles per block.
+# Largest product of the numbers of rays and triangles per block.
 _BLOCK = 1 << 18
-# Quasi-random steps: M. Roberts, "The unreasonable effectiveness of quasirandom sequences" (2018).
+# Steps of quasi-random numbers. Source: M. Roberts, "The unreasonable effectiveness of quasirandom
+# sequences" (2018).
 _STEPS = 0.7548776662466927, 0.5698402909980532
 
 

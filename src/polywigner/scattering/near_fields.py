@@ -1,4 +1,4 @@
-"""Cross sections of bodies near a radar, by physical optics and reciprocity (SC3).
+"""Cross sections of bodies near a radar, by physical optics and reciprocity, equation (SC3).
 
 Illuminated parts are divided into pieces on which the exact fields of both antennas are nearly
 plane waves.
@@ -59,7 +59,7 @@ _UNIT = 1e-6
 
 
 def checked_unit_vectors(name: str, vectors: Any, *shape: Any) -> Floats:
-    """Return unit vectors (..., 3), or one of ``shape`` (3,), with their length corrected to 1."""
+    """Return unit vectors (..., 3), or a vector of ``shape`` (3,), normalised to length 1."""
     array = unit_vectors_as_given(name, vectors, *shape)
     return np.asarray(array / np.linalg.norm(array, axis=-1, keepdims=True))
 
@@ -251,7 +251,7 @@ def checked_poses(name: str, positions: ArrayLike, centre: Floats) -> Floats:
     """
     expected = (
         f"with a source, expected {name} to be vectors (..., 3) in m from the body's centre to the "
-        "source, or as poses (..., 4, 4) that map the body's frame into the source's frame"
+        "source, or poses (..., 4, 4) that map the body's frame into the source's frame"
     )
     array = real_array(positions, expected, (..., 4, 4), (..., 3))
     if array.shape[-2:] == (4, 4):
@@ -273,7 +273,7 @@ def checked_poses(name: str, positions: ArrayLike, centre: Floats) -> Floats:
 def directions_of(poses: Any) -> Floats:
     """Return unit vectors (..., 3) in the body's frame, from its centre towards the sources."""
     away = -np.einsum("...ji,...j->...i", poses[..., :3, :3], poses[..., :3, 3])
-    # A source at the centre is rejected by check_in_front.
+    # A source at the centre gives NaN here, and is rejected by check_in_front.
     with np.errstate(invalid="ignore"):
         return np.asarray(away / np.linalg.norm(away, axis=-1, keepdims=True))
 
@@ -281,7 +281,7 @@ def directions_of(poses: Any) -> Floats:
 def field_gradient(
     radiator: Radiator, points: Floats, wavelength: float, method: str, tolerance: float
 ) -> Complex:
-    """Return the gradient of the exact field at points by (G6) and (G7), shape (n, 3).
+    """Return the gradient of the exact field at points, equations (G6) and (G7), shape (n, 3).
 
     Points (n, 3) in m and gradient are in the source's frame. The gradient is in the unit of the
     field per m.
@@ -316,7 +316,7 @@ def _rates(wavelength: float, axis: int, frequencies: Floats) -> Complex:
     return np.asarray(2j * math.pi / wavelength * cosines_of(frequencies, wavelength, False))
 
 
-# Pieces per block.
+# Number of pieces per block.
 _BLOCK = 1 << 15
 # Largest number of pieces, which take 4 GB.
 _MOST = 1 << 24
@@ -335,13 +335,13 @@ def near_sums(
     polarisations: tuple[Complex, Complex],
     tolerance: float,
 ) -> Complex:
-    """Return ratios b of received to transmitted amplitude (SC3).
+    """Return ratios b of received to transmitted amplitude, equation (SC3).
 
-    ``polarisations``: vectors (..., 3) of receiver and transmitter, normal to their directions from
-    the body's centre, which broadcast; the result has the shape (...). At other points, the vectors
-    are projected. For polarised antennas, only the shapes of the vectors are used. If both antennas
-    are the same object, its fields are computed once. The result is NaN, with a warning, if the
-    illuminated polygons cannot be computed.
+    ``polarisations``: vectors (..., 3) of receiver and transmitter, which broadcast and are normal
+    to the directions from the body's centre. The result has the shape (...). At other points, the
+    vectors are projected. For polarised antennas, only the shapes of the vectors are used. If both
+    antennas are the same object, its fields are computed once. The result is NaN, with a warning,
+    if the illuminated polygons cannot be computed.
     """
     try:
         lit = _illuminated(facets, transmitter, receiver)
@@ -365,9 +365,10 @@ def echo(
     tolerance: float,
     bounces: int,
 ) -> complex:
-    """Return the coupling of two scalar antennas by reflection from a body, -b of (SC3).
+    """Return the coupling of two scalar antennas by reflection from a body: -b of equation (SC3).
 
-    Later reflections, up to ``bounces``, are computed for plane waves from the centre (SC6).
+    Later reflections, up to ``bounces``, are computed for plane waves from the centre, equation
+    (SC6).
     """
     total = near_sums(facets, transmitter, receiver, polarisations, tolerance)
     if bounces > 1:
@@ -393,7 +394,7 @@ def _summed(
     receiver: Antenna,
     polarisations: tuple[Complex, Complex],
 ) -> Complex:
-    """Return the sum over all pieces in (SC3), each divided into four if ``split`` is true."""
+    """Return the sum of equation (SC3) over pieces, each divided into four if ``split`` is true."""
     q, p = polarisations
     total = np.zeros(np.broadcast_shapes(q.shape, p.shape)[:-1], np.complex128)
     for some in index_blocks(len(pieces), _BLOCK):
@@ -403,7 +404,7 @@ def _summed(
         sent, slope, ahead = transmitter.wave(centre)
         is_same = receiver is transmitter
         back, _, behind = (sent, slope, ahead) if is_same else receiver.wave(centre)
-        # Integral of the receiver's electric field times the currents n x H.
+        # The sum is the integral of the receiver's electric field times the currents n x H.
         if transmitter.jones is not None:
             parts = (back * np.cross(block.vector, slope)).sum(axis=-1)
         else:
@@ -434,7 +435,7 @@ def _illuminated(facets: Facets, transmitter: Antenna, receiver: Antenna) -> Pie
 def _divided(pieces: Pieces, transmitter: Antenna, receiver: Antenna, tolerance: float) -> Pieces:
     """Divide pieces until the fields of both antennas on each piece are nearly plane waves.
 
-    ``tolerance``: largest deviation (SC4). Raises ArgumentError for too many pieces.
+    ``tolerance``: largest deviation, equation (SC4). Raises ArgumentError for too many pieces.
     """
     done, count = [pieces.subset(slice(0))], 0
     while len(pieces):
@@ -442,7 +443,7 @@ def _divided(pieces: Pieces, transmitter: Antenna, receiver: Antenna, tolerance:
         done.append(pieces.subset(~coarse))
         pieces = pieces.subset(coarse)
         count += len(done[-1])
-        things = "pieces of the illuminated parts of the body with plane waves"
+        things = "pieces with plane waves on the illuminated parts of the body"
         remedy = "use a larger tolerance, or move the source away from the body"
         check_most(count + 4 * len(pieces), _MOST, things, remedy)
         pieces = _quartered(pieces)
@@ -450,9 +451,9 @@ def _divided(pieces: Pieces, transmitter: Antenna, receiver: Antenna, tolerance:
 
 
 def _deviation(pieces: Pieces, transmitter: Antenna, receiver: Antenna) -> Floats:
-    """Return the mean relative deviations (n,) of fields from plane waves on each piece (SC4).
+    """Return the mean relative deviation of fields from plane waves on each piece, shape (n,).
 
-    Both antennas' deviations are added.
+    The deviations of both antennas are added, equation (SC4).
     """
     sides = (pieces.first, pieces.second, pieces.second - pieces.first)
     longest = np.max([np.linalg.norm(side, axis=1) for side in sides], axis=0)
@@ -509,10 +510,11 @@ def near_sections(
     tolerance: float,
     normalise: str,
 ) -> tuple[Floats, Floats]:
-    """Return cross sections in m^2 and ratios of received to transmitted power (SC3), shapes (...).
+    """Return cross sections in m^2 and ratios of received to transmitted power, shapes (...).
 
-    The arguments are those of :func:`rcs`, and broadcast. A cross section is infinite or NaN, with
-    a warning, if an antenna has a null at the centre of the body.
+    The arguments are those of :func:`rcs`, and broadcast. The ratios follow from equation (SC3). A
+    cross section is infinite or NaN, with a warning, if an antenna has a null at the centre of the
+    body.
     """
     allowed = tolerance_from(tolerance, _TOLERANCE, _LEAST)
     checked_choice(normalise, "normalise", NORMALISATIONS)
@@ -546,7 +548,8 @@ def near_sections(
         back.check_in_front(facets, "receiver")
         back = transmitter if is_single else back
         sums = near_sums(facets, transmitter, back, (q[k][:, None], p[k][None]), allowed)
-        # Sum over received polarisations, and mean over transmitted polarisations.
+        # Powers are summed over received polarisations, and averaged over transmitted
+        # polarisations.
         powers[k] = (np.abs(sums) ** 2).sum() / sums.shape[1]
         there_and_back = transmitter.power_at_centre() * back.power_at_centre()
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -567,8 +570,8 @@ def _polarisations(
 ) -> tuple[Pair | tuple[None, None], Pair]:
     """Return Jones vectors, or None for scalar antennas, and polarisation vectors (..., k, 3).
 
-    Both pairs are for receiver and transmitter. Without a polarisation, k is 2, with two
-    perpendicular vectors for each antenna; otherwise k is 1.
+    Each pair consists of a value for the receiver and a value for the transmitter. Without a
+    polarisation, k is 2, with two perpendicular vectors for each antenna; otherwise k is 1.
     """
     both = [spherical_axes(towards) for towards in (to_radar, to_sender)]
     q, p = (np.stack([axes["v"], axes["h"]], axis=-2).astype(np.complex128) for axes in both)

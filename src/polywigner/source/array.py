@@ -268,7 +268,7 @@ class Array(TakesWaves):
 
     @cached_property
     def elements_in_plane(self) -> tuple[Any, ...]:
-        """The elements as apertures in the plane z = 0, with their poses applied; or the slits.
+        """The elements, as slits or as apertures in the plane z = 0 with their poses applied.
 
         Raises
         ------
@@ -346,7 +346,8 @@ def phased_array(
         An element with or without an illumination; the curved wave of a Wavefront is copied as
         well.
     positions : array_like, shape (n, d)
-        Shifts of the copies in m, d = 2 for an aperture; for slits (n, 1) or (n,).
+        Shifts of the copies in m, with d = 2 for an aperture. For slits, the shape is (n, 1) or
+        (n,).
     weights : array_like, shape (n,), optional
         Complex weights of the copies; default: all 1.
 
@@ -390,11 +391,11 @@ _ROWS = 32
 
 
 def warn_of_overlaps(array: Array) -> None:
-    """Warn if the areas of two elements of an array overlap; not for elements in several planes."""
+    """Warn if two elements of an array overlap; elements in several planes are not tested."""
     if array.repeated is None:
         try:
             elements = array.elements_in_plane
-        # Elements with different poses have no common plane.
+        # Elements with different poses have no common plane, so they are not tested.
         except GeometryError:
             return
         outlines = np.array([_as_polygons(element) for element in elements], object)
@@ -435,7 +436,9 @@ def repeated_element(
 ) -> Array:
     """Return the :func:`phased_array` of an element with a flat wave; overlaps are not checked."""
     advice = "use polywigner.Array for other elements"
-    checked_type(element, "an Aperture or Slits to repeat", Aperture, Slits, advice=advice)
+    checked_type(
+        element, "an Aperture or Slits as the element to repeat", Aperture, Slits, advice=advice
+    )
     dimension = 1 if isinstance(element, Slits) else 2
     positions, amplitudes = checked_sites(positions, weights, dimension)
     return Array._of(repeated=(element, positions), weights=amplitudes, paths=None)
@@ -489,7 +492,7 @@ def segmented_pupil(
     wavelength : float
         Wavelength in m at which the phases of the returned array apply.
     piston : float or array_like, shape (n,), default 0
-        Path length of the wavefront at each segment's centroid in m: 2 d for a mirror segment
+        Path length of the wavefront in m at each segment's centroid: 2 d for a mirror segment
         displaced by d.
     tilt : float or array_like, shape (2,) or (n, 2), default 0
         Slopes of the wavefront along x and y on each segment, dimensionless.

@@ -171,7 +171,7 @@ def thinned(positions: ArrayLike, fill: float, seed: int, taper: ArrayLike | Non
     Parameters
     ----------
     positions : array_like, shape (n, 2) or (n, 3)
-        Full layout in m; for slits (n,) or (n, 1).
+        Full layout in m, of shape (n,) or (n, 1) for slits.
     fill : float
         Mean fraction of drawn elements, above 0 and up to 1, or up to mean/peak of the taper.
     seed : int
@@ -237,7 +237,7 @@ def virtual_array(
     Parameters
     ----------
     transmit, receive : array_like, shape (n, d) and (m, d)
-        Positions in m, d = 2; for slits (n,) or (n, 1); in space (n, 3).
+        Positions in m, with d = 2. The shape is (n,) or (n, 1) for slits, and (n, 3) in space.
     transmit_weights, receive_weights : array_like, shape (n,) and (m,), optional
         Complex weights; default: all 1.
 
@@ -295,10 +295,11 @@ def steering_weights(positions: ArrayLike, direction: ArrayLike, wavelength: flo
     Parameters
     ----------
     positions : array_like, shape (n, 2) or (n, 3)
-        Positions in m; for slits (n,) or (n, 1). Positions in space require a direction (3,).
+        Positions in m, of shape (n,) or (n, 1) for slits. Positions in space require a direction
+        (3,).
     direction : array_like, shape (3,) or (2,)
-        Unit vector with a positive z; or its components along the array; or for slits the sine of
-        the angle.
+        Unit vector with a positive z, or its components along the array, or the sine of the angle
+        for slits.
     wavelength : float
         Wavelength in m.
 
@@ -357,9 +358,9 @@ def focusing_weights(positions: ArrayLike, point: ArrayLike, wavelength: float) 
     if not focus[2] > 0:
         raise ArgumentError(f"{expected}, got {value_text(point)}")
     rays = focus - np.pad(positions, ((0, 0), (0, 1)))
-    # R_k + R
+    # Sum R_k + R of the distances of the focus from element k and from the origin.
     total = np.linalg.norm(rays, axis=1) + np.linalg.norm(focus)
-    # R_k - R = (R_k^2 - R^2)/(R_k + R), without cancellation
+    # The path difference R_k - R equals (R_k^2 - R^2)/(R_k + R), which avoids cancellation.
     path = ((positions - 2 * focus[:2]) * positions).sum(axis=1) / total
     return np.exp(-2j * np.pi * path / checked_length(wavelength, "wavelength"))
 
@@ -374,8 +375,8 @@ def window_weights(
     shape : int or (int, int)
         n elements in a row, or (nx, ny) in a grid.
     window : str or sequence of str
-        "uniform", "taylor", "chebyshev" (Dolph) or "hamming"; or one for each axis. "taylor" and
-        "chebyshev" require scipy, which the extra `arrays` installs.
+        "uniform", "taylor", "chebyshev" (Dolph) or "hamming", or one name for each axis. "taylor"
+        and "chebyshev" require scipy, which the extra `arrays` installs.
     sll : float, default 30
         Sidelobe suppression in dB for "taylor" and "chebyshev", above 0 and up to 200.
     nbar : int, default 4
@@ -505,7 +506,7 @@ def read_elements(
 
 
 def _table_columns(text: str) -> dict[str, Floats]:
-    """Return the columns of a text table by name. Without a line of names, these are x and y."""
+    """Return the columns of a text table by name, which are x and y without a line of names."""
     rows = table_rows(text)
     names = [name.lower() for name in rows[0][1]] if rows else []
     has_names = len(names) != 2 or set(names) & set(_COLUMNS)

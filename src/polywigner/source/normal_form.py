@@ -30,7 +30,7 @@ PublicSource = Aperture | PlacedAperture | Slits | Array | Wavefront
 
 # Largest relative deviation of amplitudes that count as proportional.
 _PROPORTIONAL = 1e-15
-# Smallest number of elements at which they are tested for being copies of one element.
+# Smallest number of elements that are tested for being copies of one element.
 _LEAST_COPIES = 24
 # Largest relative deviations of the vertices and of the amplitudes of elements that count as
 # copies; the phases of shifted amplitudes are rounded as well.
@@ -133,7 +133,7 @@ class Source:
     """Elements that radiate together, with a common curvature and coherence width."""
 
     content: tuple[SourceElement, ...] | RepeatedElement
-    """The elements; for a phased array the repeated element."""
+    """The elements, or the repeated element of a phased array."""
     dimension: int
     """Number of components of a position: 2, or 1 for slits."""
     curvature: Floats
@@ -141,7 +141,7 @@ class Source:
     centre: Floats
     """Point c in m at which the curved wave touches the plane, shape (d,)."""
     coherence_width: float = np.inf
-    """Standard deviation in m of the degree of coherence versus lag; infinite: coherent."""
+    """Coherence width in m, the standard deviation of the degree of coherence; inf if coherent."""
     wavelength: float | None = None
     """Wavelength in m of the curvature; None: the curvature is the same at all wavelengths."""
     paths: PathLengths | None = None
@@ -186,7 +186,8 @@ class Source:
     def copies(self) -> RepeatedElement | None:
         """The elements as shifted copies of one element; None if they are not copies.
 
-        Fewer than 24 elements are not tested, and have None unless they are a phased array.
+        Sources with fewer than 24 elements are not tested; the value is None unless the source is a
+        phased array.
         """
         if self.repeated is not None or len(self) < _LEAST_COPIES:
             return self.repeated

@@ -89,7 +89,7 @@ def _only_key(table: Table, *origins: str) -> str:
     for key in ("unit", "layer", "union"):
         if present != "file" and getattr(table, key, None):
             raise FileFormatError(
-                f"the key {key!r} applies only to the key 'file', got it with {present!r}"
+                f"the key {key!r} applies only to the key 'file', got the key {present!r}"
             )
     return present
 
@@ -264,7 +264,7 @@ def content_of(tables: Any, folder: Path, allow_outside: bool = False) -> FileCo
     """Convert the tables of a file to a source and its top-level settings.
 
     ``folder``: folder to which file names in the tables are relative. ``allow_outside``: whether
-    they may lie outside it.
+    files may be outside this folder.
     """
     tables = converted(tables, dict[str, Any])
     at_top = {key: tables.pop(key) for key in Top.__struct_fields__ if key in tables}
@@ -403,7 +403,7 @@ def _parsed(text: str, suffix: str) -> Any:
 def table_of(source: Any) -> dict[str, Any]:
     """Return the content of a source file for a source, made of dictionaries, lists and numbers.
 
-    Raises ArgumentError for other objects than sources.
+    Raises ArgumentError for objects other than sources.
     """
     if not isinstance(source, Wavefront):
         return {"version": VERSION, **_flat_table(source)}

@@ -256,9 +256,9 @@ def _split_at_commas(text: str) -> list[Any]:
 def apply_texts(source: Any, texts: Mapping[str, str], wavelength: float | None) -> Any:
     """Apply the short strings for field, layout, weights and wave to a source.
 
-    ``texts``: strings by name, :data:`SOURCE_TEXTS`; docs/source_files.md describes their grammar.
-    Lengths without a unit are in metres, angles in radians. ``wavelength`` in m is needed for
-    steering, focus and curved waves. Errors begin with the name of the string.
+    ``texts``: strings with their names, as in :data:`SOURCE_TEXTS`; docs/source_files.md describes
+    the grammar. Without a unit, lengths are in metres and angles are in radians. ``wavelength`` in
+    m is needed for steering, focus and curved waves. Errors begin with the name of the string.
     """
     for name in SOURCE_TEXTS:
         if name in texts:
@@ -334,7 +334,7 @@ def parse_direction(text: str) -> tuple[float, float]:
     By default phi is 0. A negative theta becomes positive, and phi is rotated by pi.
     """
     theta, *phi = map(quantities.parse_angle, _split_at_commas(text))
-    # Rejects degrees without a unit.
+    # The condition also rejects degrees without a unit.
     if len(phi) > 1 or not abs(theta) < math.pi / 2:
         raise QuantityError(
             'expected a direction such as "20 deg" or "20 deg, 90 deg", within 90 deg of the '

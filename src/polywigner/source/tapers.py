@@ -78,8 +78,9 @@ def direction_of(theta: float, phi: float = 0.0) -> Floats:
 def transverse(direction: Any) -> Floats:
     """Return the components of a direction along the aperture, shape (2,), or (1,) for slits.
 
-    The direction is given as a unit vector (3,), as these components (2,), or as the sine of an
-    angle. Raises ArgumentError for other values, and for vectors behind the aperture.
+    The direction is given as a unit vector (3,), as its components along the aperture (2,), or as
+    the sine of an angle. Raises ArgumentError for other values, and for vectors behind the
+    aperture.
     """
     expected = (
         "expected a direction as a unit vector of shape (3,), its components (2,) along the "
@@ -141,8 +142,8 @@ def steering(direction: ArrayLike, wavelength: float) -> Illumination:
     Parameters
     ----------
     direction : array_like, shape (3,) or (2,)
-        Unit vector with a positive z, of length 1 within 1e-6; or its components along the
-        aperture; or for slits the sine of the angle.
+        Unit vector with a positive z, of length 1 within 1e-6, or its components along the
+        aperture, or the sine of the angle for slits.
     wavelength : float
         Wavelength in m.
 
@@ -280,10 +281,10 @@ def taylor_taper(
         F_m = (-1)^(m+1)/2 prod_{i < nbar} [1 - m^2/(s^2 (A^2 + (i - 1/2)^2))]
                          / prod_{i < nbar, i != m} [1 - m^2/i^2]
 
-    This takes 2 nbar - 1 waves for each axis. The zeros of the transform are at
+    The taper consists of 2 nbar - 1 waves for each axis. The zeros of the transform are at
     |nu| width = s sqrt(A^2 + (i - 1/2)^2) for i < nbar, then at nbar, nbar + 1, ... The first
-    sidelobe lies at -sll dB, or less than 0.7 dB below it. The others are lower and fall as 1/|nu|
-    from nbar on.
+    sidelobe lies at -sll dB, or less than 0.7 dB below it. All other sidelobes are lower, and fall
+    as 1/|nu| from nbar on.
 
     Parameters
     ----------
@@ -329,7 +330,7 @@ def taylor_taper(
 
 def checked_sidelobes(sll: Any, nbar: Any) -> tuple[float, int]:
     """Return sidelobe suppression in dB and n-bar; raise ArgumentError if out of range."""
-    meaning = f"in dB above 0 and up to {_LARGEST_SUPPRESSION:g}, such as 30 for -30 dB"
+    meaning = f"a number of dB above 0 and up to {_LARGEST_SUPPRESSION:g}, such as 30 for -30 dB"
     decibels = checked_number(sll, "sll", meaning, lambda x: 0 < x <= _LARGEST_SUPPRESSION)
     return decibels, checked_count(nbar, "nbar", 1, _HIGHEST_NBAR)
 
@@ -356,14 +357,14 @@ _CONSTANT: _Waves = (np.ones(1), np.zeros(1))
 
 
 def _product_of_waves(along_x: _Waves, along_y: _Waves) -> Illumination:
-    """Return the field that is the product of a sum of waves along x and one along y."""
+    """Return the product of a sum of waves along x and a sum of waves along y as a field."""
     amplitudes = np.multiply.outer(along_x[0], along_y[0])
     frequencies = np.stack(np.meshgrid(along_x[1], along_y[1], indexing="ij"), axis=-1)
     return Illumination(amplitudes.ravel(), frequencies.reshape(-1, 2))
 
 
 def _half_periods(number: int, size: float, sine: bool) -> _Waves:
-    """Return cos, or sin if ``sine``, of number pi (x/size + 1/2) as a sum of waves along x.
+    """Return the cosine (with ``sine``, the sine) of number pi (x/size + 1/2) as waves along x.
 
     For the number 0, the result is the constant 1.
     """
@@ -377,7 +378,7 @@ def _half_periods(number: int, size: float, sine: bool) -> _Waves:
 
 def _taylor_coefficients(decibels: float, nbar: int) -> Floats:
     """Return the coefficients F_1 to F_(nbar - 1) of :func:`taylor_taper`."""
-    # arccosh(10^(sll/20))/pi, without cancellation for small sll
+    # A = arccosh(10^(sll/20))/pi is computed in a form without cancellation for small sll.
     excess = math.expm1(decibels / 20 * math.log(10))
     a = math.log1p(excess + math.sqrt(excess * (2 + excess))) / math.pi
     stretch = nbar**2 / (a**2 + (nbar - 0.5) ** 2)
@@ -409,7 +410,7 @@ class FittedIllumination(NamedTuple):
     """Number of linear combinations of waves that the samples determine."""
     cancellation: float
     """Ratio of sum |c_m| to the rms value of the samples. Errors of transforms grow by this factor,
-    errors of W and A by its square. Values of 1 to 10 are harmless."""
+    and errors of W and A grow by its square. Values of 1 to 10 are harmless."""
 
 
 def fit_illumination(
@@ -436,8 +437,8 @@ def fit_illumination(
     Parameters
     ----------
     points : array_like, shape (n, 2)
-        Positions in m; for slits (n, 1) or (n,). They need not form a grid. The fit is meaningless
-        outside their bounds, so sample up to the edges of the aperture.
+        Positions in m, of shape (n, 1) or (n,) for slits. The positions need not form a grid. The
+        fit is meaningless outside their bounds, so sample up to the edges of the aperture.
     values : array_like, shape (n,)
         Complex field at these points.
     frequencies : array_like, shape (m, d), optional

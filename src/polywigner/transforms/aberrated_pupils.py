@@ -352,7 +352,7 @@ def by_lag(regions: Slices, integrals: Complex) -> Complex:
 
 
 def checked_aberration(aberration: Any, wavelength: Any, *, has_gradients: bool = False) -> float:
-    """Return the wavelength in m; raise ArgumentError if it or the aberration is invalid.
+    """Return the wavelength in m; raise ArgumentError for invalid wavelengths or aberrations.
 
     The aberration may be None. ``has_gradients`` specifies whether Dr.Jit coefficients are allowed.
     """

@@ -1,10 +1,10 @@
 """The common implementation of the public transforms.
 
-Points behind an optical system are mapped to points in front of it, (O2) and (O3). A partially
-coherent source is replaced by a coherent source times the degree of coherence, or by a closed form,
-(PC3). A curved wave is replaced by a flat wave at sheared points, (Q1) to (Q5). A kernel computes
-the transform of the flat source. For the curved wave u = u0 exp(i pi (x - c).Q (x - c)), which
-touches the plane of the source at c and has the curvature matrix Q,
+Points behind an optical system are mapped to points in front of it by equations (O2) and (O3). A
+partially coherent source is replaced by a coherent source times the degree of coherence, or by a
+closed form, equation (PC3). A curved wave is replaced by a flat wave at sheared points, equations
+(Q1) to (Q5). A kernel computes the transform of the flat source. For the curved wave u = u0 exp(i
+pi (x - c).Q (x - c)), which touches the plane of the source at c and has the curvature matrix Q,
 
     R(x, xi)  = R0(x, xi) exp(2 pi i (x - c).Q xi)
     W(x, nu)  = W0(x, nu - Q (x - c))
@@ -227,8 +227,8 @@ def explain(
     Returns
     -------
     Plan
-        Object with the strings ``strategy``, ``engine`` and ``reason``. Its ``str()`` has three
-        lines.
+        Object with the strings ``strategy``, ``engine`` and ``reason``. The ``str()`` of this
+        object has three lines.
 
     Raises
     ------
@@ -274,7 +274,7 @@ def explain(
 
 
 def _mapped_points(name: str, source: Any, through: Any, wavelength: Any, points: Points) -> Points:
-    """Map points behind an optical system to points in front of it, (O2), (O3).
+    """Map points behind an optical system to points in front of it, equations (O2) and (O3).
 
     Raises ArgumentError if the system or the wavelength is missing or invalid.
     """
@@ -322,10 +322,10 @@ def _blocks_for(system: FirstOrder, dimension: int) -> tuple[NDArray[np.float64]
 
 
 def _of_partly_coherent_wave(name: str, wave: Wavefront, points: Points, how: Options) -> Values:
-    """Return a transform of a source with a finite coherence width, (PC2), (PC3), (I5).
+    """Return a transform of a source with a finite coherence width.
 
-    Raises IlluminationError for the Fourier transform, and ArgumentError for Dr.Jit points if there
-    is no closed form.
+    The methods are equations (PC2), (PC3) and (I5). Raises IlluminationError for the Fourier
+    transform, and ArgumentError for Dr.Jit points if there is no closed form.
     """
     if name == "fourier":
         raise IlluminationError(
@@ -379,7 +379,7 @@ def _checked_components(points: Points, dimension: int) -> dict[str, Values]:
 
 
 def _of_curved_wave(name: str, wave: Wavefront, points: Points, how: Options) -> Values:
-    """Return a transform of a curved wave, from the flat wave at sheared points, (Q1) to (Q5)."""
+    """Return a transform of a curved wave from the flat wave, by equations (Q1) to (Q5)."""
     if name == "fourier":
         return _curved_spectrum(wave, points["nu"], how)
     d, q = wave.dimension, wave.curvature

@@ -150,5 +150,5 @@ def checked_points(
         is_kept = value.dtype == np.float64 or (keep_single and value.dtype == np.float32)
         if is_kept and value.shape[-1:] == (dimension,):
             return np.asarray(value)
-    expected = f"expected {name} of shape (..., {dimension}), real numbers with the components"
+    expected = f"expected {name} of shape (..., {dimension}), with real numbers as components"
     return checked_vectors(value, f"{expected} on the last axis", (dimension,))

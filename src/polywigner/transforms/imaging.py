@@ -2,9 +2,9 @@
 
 A condenser illuminates an object with plane waves, one for each point x of its pupil (Koehler
 illumination). A spatial frequency of the object shifts x by a lag xi in the imaging pupil. The
-transmission cross coefficient is the integral of S(x) P(x + xi_1) conj P(x + xi_2) over x, (IM1),
-with the irradiance S in the condenser and the field P in the pupil. It is the area, or the Fourier
-transform, of the intersection of three polygons.
+transmission cross coefficient is the integral of S(x) P(x + xi_1) conj P(x + xi_2) over x, equation
+(IM1), with the irradiance S in the condenser and the field P in the pupil. The coefficient is the
+area, or the Fourier transform, of the intersection of three polygons.
 """
 
 from __future__ import annotations
@@ -84,8 +84,8 @@ def transmission_cross_coefficient(
 
     The coefficient of the lags xi_1 and xi_2 is ``T = int S(x) P(x + xi_1) conj P(x + xi_2) dx /
     int S dx``, where P is the field in the pupil and S is the irradiance in the condenser, imaged
-    into the pupil. It is computed in closed form from intersections of polygons, in or out of focus
-    (docs/imaging.md, (IM1)). Source: H. H. Hopkins, Proc. R. Soc. A 217, 408 (1953).
+    into the pupil. The coefficient is computed in closed form from intersections of polygons, in or
+    out of focus (docs/imaging.md, (IM1)). Source: H. H. Hopkins, Proc. R. Soc. A 217, 408 (1953).
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def partially_coherent_image(
     Parameters
     ----------
     mask : Aperture or Array
-        Apertures that do not overlap. Their weights are the transmitted amplitudes.
+        Apertures that do not overlap. The weights are the transmitted amplitudes.
     period : array_like, shape (2,) or (2, 2)
         Periods along x and y in m, or two vectors of the lattice as rows. The copies of the mask
         must not overlap.
@@ -192,8 +192,8 @@ def partially_coherent_image(
     Returns
     -------
     ndarray of float, shape (...)
-        Irradiance, at least 0. It is relative to the irradiance without a mask, with all light
-        transmitted by the pupil.
+        Irradiance, at least 0. The value is relative to the irradiance without a mask, with all
+        light transmitted by the pupil.
 
     Raises
     ------
@@ -368,7 +368,7 @@ def _passing_parts(light: Any, pupil: Any, lags: Floats) -> NDArray[Any]:
 
 
 def _polygon_transforms(polygons: Any, frequencies: Any) -> Complex:
-    """Return the Fourier transform of each polygon at its own frequency, (F2)."""
+    """Return the Fourier transform of each polygon at its own frequency, equation (F2)."""
     nu = np.asarray(frequencies, np.float64)
     shapes = np.asarray(polygons, object)
     of, begin, end = edges_around(shapes)
@@ -423,7 +423,7 @@ def _check_orders(count: float, size: int) -> None:
 
 
 def _check_overlaps(mask: Aperture | Array, lattice: Floats) -> None:
-    """Raise GeometryError if elements of a periodic mask overlap, also those of other periods."""
+    """Raise GeometryError if elements of a periodic mask overlap, within or between periods."""
     checked_type(mask, "mask to be an Aperture, or an Array of apertures", Aperture, Array)
     elements = np.array([element.polygons for element in mask.elements_in_plane], object)
     low, high = np.reshape(shapely.total_bounds(elements), (2, 2))

@@ -88,8 +88,8 @@ def otf(
     aberration : Aberration, optional
         Path length in m, in addition to the defocus. Not supported for slits.
     wavelength : float, optional
-        Wavelength in m, for the aberration and for pistons and tilts of segments. It is required
-        with an aberration.
+        Wavelength in m, for the aberration and for pistons and tilts of segments. The wavelength is
+        required with an aberration.
     tolerance : float, default 1e-10
         Allowed error for aberrated pupils, at least 1e-13. The error is estimated with a second
         quadrature rule.
@@ -157,7 +157,8 @@ def _otf_jets(
             values = lag_marginal(source, lags, **how)
         else:
             values = ambiguity(source, -2.0 * bend * lags, lags, **how)
-        # In place, because page faults of another array would take longer than the kernel.
+        # The division is in place, because page faults of another array would take longer than the
+        # kernel.
         values = np.asarray(values)
         values /= checked_energy(source)
         return np.reshape(values + 0j, (-1, 1))
@@ -225,8 +226,8 @@ def mtf(
         / numerical_aperture`` (Abbe's sine condition). For a disc pass its radius as
         ``pupil_radius``.
     aberration : Aberration, optional
-        Path length in m, in addition to the defocus, see :func:`otf`. It is the same at all
-        wavelengths.
+        Path length in m, in addition to the defocus, see :func:`otf`. The path length is the same
+        at all wavelengths.
     weights : array_like, shape (k,), optional
         Weights of the wavelengths, at least 0. By default all weights are equal.
     pixel : float or array_like, shape (d,), default 0
@@ -285,7 +286,7 @@ def _checked_pupil(source: Any) -> PhaseSpaceSource:
     pupil: PhaseSpaceSource = source
     if is_partly_coherent(source):
         raise IlluminationError(
-            "expected a fully coherent pupil, got one with coherence width "
+            "expected a fully coherent pupil, got a pupil with a coherence width of "
             f"{source.coherence_width:g} m: imaging in partially coherent light has no "
             "transfer function; use the attribute .coherent of the pupil, or "
             "polywigner.lag_marginal for the degree of coherence"
@@ -380,8 +381,8 @@ def strehl(
 
     The Strehl ratio is the irradiance of :func:`psf` on the axis, relative to the irradiance for a
     pupil with the same |u| and no phase, where u is the field in the pupil. With the path length W
-    of the aberration it is ``|int u exp(2 pi i W/lambda)|^2/(int |u|)^2``. Pistons and tilts of
-    segments are aberrations as well.
+    of the aberration, the ratio is ``|int u exp(2 pi i W/lambda)|^2/(int |u|)^2``. Pistons and
+    tilts of segments are aberrations as well.
 
     Parameters
     ----------

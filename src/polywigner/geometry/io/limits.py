@@ -36,7 +36,7 @@ def check_bytes(size: int, largest: int, kind: str = "") -> None:
 
 
 def check_coordinates(points: NDArray[Any]) -> None:
-    """Raise FileFormatError for coordinates that are not finite or larger than 1e100."""
+    """Raise FileFormatError for coordinates that are not finite or exceed 1e100."""
     # The condition is negated, so that NaN also raises an error.
     if not (np.abs(points) <= LARGEST_NUMBER).all():
         raise FileFormatError(
@@ -64,7 +64,7 @@ def checked_suffix(
     remedy: str = "use another format",
     error: type[PolywignerError] = FileFormatError,
 ) -> str:
-    """Return the suffix of a path in lower case; raise an error if it is not a known one."""
+    """Return the suffix of a path in lower case; raise an error for unknown suffixes."""
     suffix = path.suffix.lower()
     if suffix not in known:
         got = f"got {suffix or 'none'!r}; {remedy}"

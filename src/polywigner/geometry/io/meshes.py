@@ -89,15 +89,15 @@ def _triangulated(mesh: Mesh) -> tuple[Points, NDArray[np.intp]]:
     worst = int(heights.argmax())
     if heights[worst] > _PLANAR * extent(mesh.vertices):
         warn_caller(
-            f"face {worst} of the mesh is not planar: a vertex is {heights[worst]:.3g} (in "
-            "the file's unit) away from its plane, and the body depends on the division into "
-            "triangles; export the mesh as triangles"
+            f"face {worst} of the mesh is not planar: a vertex is {heights[worst]:.3g} file units "
+            "away from the plane of the face, so the body depends on the division of the face "
+            "into triangles; export the mesh as triangles"
         )
     return mesh.vertices, triangulate_faces(mesh.vertices, mesh.faces)
 
 
 def _welded(mesh: Mesh) -> Mesh:
-    """Return a mesh with vertices merged that differ only by rounding, without degenerate faces.
+    """Merge vertices that differ only by rounding, and remove degenerate faces.
 
     Faces that have become lines or points are dropped.
     """
@@ -210,7 +210,7 @@ def _ply(content: bytes) -> Mesh:
             name: [_element_row(properties, read) for _ in range(count)]
             for name, count, properties in elements
         }
-    # A StopIteration in a generator becomes a RuntimeError.
+    # A StopIteration in a generator becomes a RuntimeError, so both exceptions are caught.
     except (StopIteration, RuntimeError, struct.error):
         raise _row_count_error("fewer") from None
     if not is_empty():
@@ -286,7 +286,7 @@ def _binary_reader(body: bytes, order: str) -> tuple[ReadNumbers, Callable[[], b
 
 
 def _row_count_error(got: str) -> FileFormatError:
-    """Return the error for a PLY file with "fewer" or "more" rows than in its header."""
+    """Return the error for a PLY file with "fewer" or "more" rows than its header specifies."""
     return FileFormatError(
         f"expected as many rows as the header of the PLY file specifies, got {got}; the file may "
         "be truncated: export the mesh again"

@@ -58,7 +58,7 @@ def load_wkt(file: File) -> Drawing:
 def _drawing_from_text(file: File, parse: Callable[[str], BaseGeometry], expected: str) -> Drawing:
     """Load polygons with a parser of shapely; ``expected``: content, for error messages."""
     try:
-        # NaN is reported later, with its vertex.
+        # NaN causes no warning here, because it raises an error later, which names the vertex.
         with np.errstate(invalid="ignore"):
             geometry = parse(text_of(file.content).strip())
     except (shapely.errors.GEOSException, NotImplementedError) as error:
@@ -144,7 +144,7 @@ _NOT_READ = (".shp", ".dwg", ".svgz", ".pdf", ".eps", ".step", ".stp", ".iges", 
 
 
 def _loader_of(path: Path, content: bytes) -> Callable[[File], Drawing]:
-    """Return the loader of a file, by its suffix or, if this is unknown, by its first bytes.
+    """Return the loader for a file's suffix, or for its first bytes if the suffix is unknown.
 
     Raises FileFormatError for suffixes of unsupported formats.
     """
@@ -186,7 +186,7 @@ def _load_any_format(file: File) -> Drawing:
             "the elements are nested too deeply, or an element contains itself; ungroup the "
             "elements"
         ) from None
-    # The libraries document only a few of their exceptions.
+    # The libraries document only a few of their exceptions, so all exceptions are caught.
     except Exception as error:
         raise FileFormatError(
             f"the library for this format cannot read the file ({type(error).__name__}); the "
@@ -226,20 +226,21 @@ def _aperture_of(drawing: Drawing, union: bool) -> Aperture:
     try:
         return build(drawing.metres)
     except GeometryError:
-        # Built again in the unit of the file, so that the message contains the file's coordinates.
+        # The aperture is built again in the unit of the file, so that the message contains the
+        # file's coordinates.
         build(1.0)
         raise
 
 
 def _metres(unit: str | float) -> float:
-    """Return the length in metres of a unit, a name or a length; "px" is a CSS pixel."""
+    """Return the length in metres of a unit (a name or a length); "px" is a CSS pixel."""
     return float(PIXEL) if isinstance(unit, str) and unit.strip() == "px" else parse_unit(unit)
 
 
 def _checked_layers(layer: Any) -> tuple[str, ...]:
     """Return the names of requested layers as a tuple, which is empty for None.
 
-    Raises ArgumentError for other values than names.
+    Raises ArgumentError for values other than names.
     """
     layers = () if layer is None else (layer,) if isinstance(layer, str) else layer
     names = tuple(layers) if isinstance(layers, Iterable) else (layers,)
@@ -271,9 +272,9 @@ def read_aperture(
         ``.gtl``, ``.gbl`` or ``.art``: the copper of a Gerber layer. The format of any other suffix
         is detected from the content. SVG, DXF, GDSII and Gerber need the extra `formats`.
     unit : str or float, default "mm"
-        Unit of the coordinates: a name ("mm", "um", "in"), a length ("0.1 mm"), or
-        metres; "px" is 1/96 inch. It has no effect for files that specify their unit: SVG with a
-        width or height in mm, cm, Q, in, pt or pc, DXF with $INSUNITS, GDSII and Gerber.
+        Unit of the coordinates: a name ("mm", "um", "in"), a length ("0.1 mm"), or metres; "px" is
+        1/96 inch. The unit has no effect for files that specify their unit: SVG with a width or
+        height in mm, cm, Q, in, pt or pc, DXF with $INSUNITS, GDSII and Gerber.
     tolerance : float, optional
         Largest distance in metres between a curve (SVG, DXF, Gerber) and its chords. The default is
         1/2000 of the diagonal of each outline. Full circles and ellipses keep their area.
@@ -315,7 +316,7 @@ def read_aperture(
     >>> pw.read_aperture(path, unit="mm").bounds
     (0.0, 0.0, 0.004, 0.001)
     """
-    metres, source, expected = _metres(unit), checked_path(path), "metres above zero, such as 1e-5"
+    metres, source, expected = _metres(unit), checked_path(path), "a length in m above zero"
     if tolerance is not None:
         tolerance = checked_length(tolerance, "tolerance", meaning=expected)
     layers, joins = _checked_layers(layer), checked_flag(union, "union")
