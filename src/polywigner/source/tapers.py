@@ -330,7 +330,10 @@ def taylor_taper(
 
 def checked_sidelobes(sll: Any, nbar: Any) -> tuple[float, int]:
     """Return sidelobe suppression in dB and n-bar; raise ArgumentError if out of range."""
-    meaning = f"a number of dB above 0 and up to {_LARGEST_SUPPRESSION:g}, such as 30 for -30 dB"
+    meaning = (
+        f"a number of dB above 0 and up to {_LARGEST_SUPPRESSION:g}, such as 30 for sidelobes at "
+        "-30 dB"
+    )
     decibels = checked_number(sll, "sll", meaning, lambda x: 0 < x <= _LARGEST_SUPPRESSION)
     return decibels, checked_count(nbar, "nbar", 1, _HIGHEST_NBAR)
 
