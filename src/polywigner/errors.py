@@ -1,7 +1,7 @@
 """The exceptions of polywigner: every error a user can cause derives from :class:`PolywignerError`.
 
-Messages contain the expected value, the actual value, and advice. The command line prints them in
-one line on stderr, with exit code 2.
+Messages contain the expected value, the actual value, and advice. The command line prints messages
+in one line on stderr, with exit code 2.
 """
 
 from collections.abc import Iterator

@@ -354,7 +354,7 @@ def rcs_pattern(
     bounces : {1, 2, 3}, default 1
         Maximum number of reflections, as in :func:`rcs`.
     progress : bool, optional
-        Whether to show a progress bar. By default it is shown if stderr is a terminal.
+        Whether to show a progress bar. By default, a bar is shown if stderr is a terminal.
 
     Returns
     -------

@@ -273,7 +273,7 @@ def checked_positions(positions: Any, components: tuple[int, ...]) -> Floats:
 def checked_sites(
     positions: Any, weights: Any, dimension: int | None = None
 ) -> tuple[Floats, Complex]:
-    """Return read-only positions (n, d) and weights (n,). ``dimension`` is d, by default any.
+    """Return read-only positions (n, d) and weights (n,). Any d is valid if ``dimension`` is None.
 
     Weights of None stand for 1. Raises ArgumentError for other positions, and IlluminationError for
     other weights.

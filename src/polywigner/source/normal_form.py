@@ -186,8 +186,8 @@ class Source:
     def copies(self) -> RepeatedElement | None:
         """The elements as shifted copies of one element; None if they are not copies.
 
-        Sources with fewer than 24 elements are not tested; the value is None unless the source is a
-        phased array.
+        Sources with fewer than 24 elements are not tested, so the value is None unless they are
+        phased arrays.
         """
         if self.repeated is not None or len(self) < _LEAST_COPIES:
             return self.repeated

@@ -147,7 +147,7 @@ def _with_points(aperture: Aperture, points: Floats) -> Aperture:
 
 
 def _aperture_of_rings(parts: list[list[Floats]], illumination: Illumination | None) -> Aperture:
-    """Return an aperture that keeps all vertices. Raises GeometryError if it is invalid."""
+    """Return an aperture that keeps all vertices. Raises GeometryError for invalid outlines."""
     for part in parts:
         for number, ring in enumerate(part):
             area = signed_area(ring) if len(ring) > 2 and np.isfinite(ring).all() else 0.0
