@@ -194,7 +194,7 @@ class Clipper:
     def sum_over_edges(
         self, term: Callable[[Edge], tuple[Any, ...]], values: int, group: int = 0, other: int = 0
     ) -> tuple[Any, ...]:
-        """Return the sums of the ``values`` results of ``term(edge)`` over the edges of a group.
+        """Return the sum of each of the ``values`` results of ``term(edge)`` over a group's edges.
 
         Elements with the same field form a group. ``term`` clips the edge, so the group ``other``,
         whose elements clip the edges, is not used here.

@@ -26,8 +26,8 @@ from polywigner.numerics.grid_arithmetic import accurate_cross
 CROSSING, START, WHOLE, INSIDE, LEAD, CLIPPED = range(6)
 # Bound on the rounding error of a cross product of vectors in the frame.
 ROUNDED = 1e-13
-# A normal number that is smaller than all nonzero cross products on the grid. Their magnitude is at
-# least 2^-106 in double precision and 2^-48 in single precision.
+# Normal number below the magnitude of all nonzero cross products on the grid, which is at least
+# 2^-106 in double precision and 2^-48 in single precision.
 NO_LEVEL = 1e-35
 
 Array = npt.NDArray[Any]
@@ -71,7 +71,7 @@ class Outline:
         (ex, ey), (fx, fy) = vectors.T, vectors[self.following].T
         turns = accurate_cross(ex, ey, fx, fy)
         angles = np.arctan2(turns, ex * fx + ey * fy)
-        # The edges of a convex polygon turn to the left, once around the ring.
+        # The edges of a convex polygon turn only to the left, by one full turn around the ring.
         once = np.add.reduceat(angles, self.starts[:-1]) < 3.0 * np.pi
         return bool((turns >= 0.0).all() and once.all())
 
@@ -115,18 +115,19 @@ class PairGrid:
     """For each edge of the first outline: start, vector, 0, complex weight, and 0. The last rows
     are the lines to the rings, with a weight of 1. Shape (n, 8)."""
     second: Any
-    """Edges of the second outline, in the same form. The last edge crosses no other edge."""
+    """Edges of the second outline, in the form of ``first``. The last edge crosses no other
+    edge."""
     names: Any
     """``Outline.names`` of the first outline."""
     levels: Any
     """Real and imaginary part of each weighted winding number, and two zeros. Shape (k, 4)."""
 
     sides: Any
-    """Empty, except for a :class:`ClipGrid`."""
+    """Sides that clip the edges in a :class:`ClipGrid`, otherwise an empty table."""
 
     @cached_property
     def copies(self) -> dict[Hashable, Any]:
-        """Copies of the tables on devices, by engine."""
+        """Copies of the tables on devices, with the engine as the key."""
         return {}
 
     @cached_property
@@ -173,7 +174,8 @@ class ClipGrid(PairGrid):
     Each row of ``rows`` is a part of an edge inside one ring: the edge, the first row and the end
     of the rows of ``sides``, and the index of the weight of the ring. The part lies to the left of
     all these sides. Each row of ``sides`` is the index of an edge of the second outline. An edge
-    that is inside for all offsets in the cell has no sides. Its level is a sum over rings.
+    that lies inside rings for all offsets in the cell has no sides. The level of such an edge is a
+    sum over these rings.
     """
 
 
@@ -223,7 +225,7 @@ def cells_at(grid: HostGrid, x: Array, y: Array) -> Array:
 
 
 def rows_at(grid: HostGrid, t: Array) -> tuple[Array, Array]:
-    """Return the rows (k, 4) of the cells at offsets ``t`` (n,), and their offset indices (k,)."""
+    """Return the rows (k, 4) of the cells at offsets ``t`` (n,), and each row's offset index."""
     spans = grid.cells.take(cells_at(grid, t.real, t.imag), axis=0)
     begin, counts = spans[:, 0], spans[:, 2] - spans[:, 0]
     owner = np.arange(len(t)).repeat(counts)
@@ -252,7 +254,7 @@ def cut_edges(
     edge : ndarray, shape (k, 4)
         Rows of ``grid.first``.
     fraction : ndarray, shape (k,)
-        Positive length as a fraction of the edge.
+        Length of the part, a positive fraction of the edge.
     weight : ndarray, shape (k,)
         Weight of the edge times the conjugate of the level or of its change at the crossing.
     """
@@ -278,7 +280,7 @@ def cut_edges(
         _make_exact(levels, slanted.nonzero()[0], e, f, p)
     jump: Array = np.where(meets, np.where(enters, 1.0, -1.0), 0.0)
     before = jump.cumsum() - jump
-    # The running sum extends over all samples, so double precision would lose digits.
+    # The running sum of weights extends over all samples, so double precision would lose digits.
     if not grid.is_uniform:
         jump = jump * (other_edge[:, 3] if grid.levels.dtype.kind == "c" else other_edge[:, 3].real)
         exact = np.clongdouble if jump.dtype.kind == "c" else np.longdouble
@@ -323,10 +325,10 @@ def crossing(
     Edges are (start x, start y, vector x, vector y). The offset (``tx``, ``ty``) maps a point p of
     the other outline to T - p. ``side`` is 1 or -1, the sign of the displacement that decides ties.
 
-    Returns (crosses, enters, start, end). ``enters`` is true if the edge crosses to the left side
-    of the other edge. ``start`` and ``end`` are positive if the start and the end of the edge lie
-    to its left; these cross products have exact signs. The crossing lies at the fraction ``start /
-    (start - end)`` of the edge.
+    The results are (crosses, enters, start, end). ``enters`` is true if the edge crosses to the
+    left side of the other edge. ``start`` and ``end`` are cross products with exact signs. They are
+    positive if the start and the end of the edge lie to the left of the other edge. The crossing
+    lies at the fraction ``start / (start - end)`` of the edge.
     """
     (ax, ay, ex, ey), (cx, cy, fx, fy) = edge[:4], other[:4]
     px, py = (tx - cx) - ax, (ty - cy) - ay

@@ -38,10 +38,10 @@ def moved_off_zero(
 ) -> tuple[Any, Any]:
     """Return a frequency, or (floor, 0) if the magnitudes of both components are below a floor.
 
-    ``floors`` are the floors in float64 and float32. By default, the square of the frequency does
-    not underflow. Terms are of the order of the squared frequency. The rounding errors of the sum
-    of terms, up to 6e-8 of the sum, must not underflow either. A floor of 1e-16 would make errors
-    in float32 eight times as large.
+    ``floors`` are the floors in float64 and float32. With the default floors, the square of the
+    frequency does not underflow. Terms are of the order of the squared frequency. The rounding
+    errors of the sum of terms, up to 6e-8 of the sum, must not underflow either. A floor of 1e-16
+    would make errors in float32 eight times as large.
     """
     floor = floors[0] if ops.double else floors[1]
     tiny = (abs(x) < floor) & (abs(y) < floor)

@@ -2,8 +2,8 @@
 
 W is the sum of an integral over each edge, (I5) of docs/theory.md. Lengths are in coherence widths.
 Each integral runs along a path in the complex plane. With 10 to 36 quadrature nodes, its error is
-below 1e-12 of the square of the largest lag. For complex weights, cancellation costs as many ulps
-as the ratio of the coherence width to the largest lag.
+below 1e-12 of the square of the largest lag. For complex weights, cancellation multiplies rounding
+errors by the ratio of the coherence width to the largest lag.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ _SPREAD, _LIFT = 10.0, 0.6
 _LENGTHS = (0.3, 1.0, 2.5, 4.0, 6.0, 8.0)
 _OF_EDGES = {True: (10, 14, 18, 22, 26, 30, 36), False: (8, 10, 12, 14, 16, 18, 22)}
 _OF_INTERVALS = {True: (10, 14, 20, 24, 28, 32, 44), False: (8, 10, 12, 16, 18, 20, 28)}
-# Smallest frequency beta_s and smallest phase along the edge for which the paths are steepest
-# descents, and numbers of nodes on such paths.
+# Smallest frequency beta_s and smallest phase along the edge for which paths of steepest descent
+# are used, and numbers of nodes on these paths.
 _STEEP, _LONG = 8.0, 10.0
 _OF_DESCENTS = {True: 10, False: 6}
 # If |xi| or beta exceeds _FAR, |g| and exp(-beta^2/2) are below 4e-17. On edges beyond this
@@ -41,11 +41,10 @@ _FAR, _SMOOTH = 8.7, 3.0
 # If |Re Z| is below _SMALL, exp(-beta^2/2) - |g| is a series of _TERMS terms. The first omitted
 # term is 0.1^9/10! = 3e-16 in double and 0.1^5/6! = 1e-8 in single precision.
 _SMALL, _TERMS = 0.1, {True: 9, False: 5}
-# Smallest exponents in double and single precision. Subnormal numbers would slow down the
-# processor.
+# Smallest exponents of exponential functions in double and single precision. Smaller exponents
+# would give subnormal numbers, which slow down the processor.
 _LEAST_EXPONENT = {True: -300.0, False: -80.0}
-# Smallest divisors in double and single precision. The squares of these divisors are normal
-# numbers.
+# Smallest divisors in double and single precision, whose squares are normal numbers.
 _TINY = {True: 1e-150, False: 1e-18}
 _TURN = 2 * math.pi
 
@@ -113,7 +112,7 @@ def _arc_rules(sizes: tuple[int, ...]) -> Rules:
 
 @lru_cache(maxsize=2)
 def _descent_rules(size: int) -> Rules:
-    """Return a rule for steepest descents, with weights without the factor exp(-node)."""
+    """Return a rule for steepest descents, whose weights do not include the factor exp(-node)."""
     t, weight = np.polynomial.laguerre.laggauss(size)
     return (np.stack([t, weight * np.exp(t)], axis=-1),)
 

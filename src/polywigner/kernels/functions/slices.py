@@ -43,10 +43,10 @@ Pairing = tuple[int, int, Views, Sequence[WavePair]]
 """Group whose edges are clipped, group of the other copy, views of the edges, and pairs of
 waves."""
 
-# Numbers of (sample, edge) pairs and of (edge part, frequency) pairs per block on NumPy. The arrays
-# take about 2 MB.
+# Numbers of pairs (sample, edge) and of pairs (part of an edge, frequency) per block with NumPy.
+# The arrays of a block take about 2 MB.
 _CUT, _SUMMED = 1 << 14, 1 << 14
-# Number of samples for which the edge pairs are optimised on NumPy.
+# Number of samples for which the lists of edge pairs are optimised with NumPy.
 _SAMPLES = 1 << 9
 # Largest number of wave pairs that compiled code contains as constants. Compilation takes 20 ms per
 # pair.
@@ -137,7 +137,7 @@ class SliceSum:
     def _sums_of_pairings(
         self, clipper: Clipper, sum_of: Callable[[Views, WavePair, bool], TermSum], position: Values
     ) -> Iterator[Sequence[Any]]:
-        """Yield the sums over edges for all pairs of waves, to be added.
+        """Yield the sums over edges for all pairs of waves, which the caller adds.
 
         ``sum_of(views, pair, is_even)`` returns the `TermSum` of a pair of waves.
         """
@@ -158,7 +158,7 @@ class SliceSum:
                 yield run.value(sums, position)[:count]
 
     def _in_blocks(self, ops: Any, tables: Tables, inner: Values) -> Values:
-        """Return the sums at arguments that broadcast, computed in blocks of samples."""
+        """Return the sums, computed in blocks of samples. The arguments must broadcast."""
         arguments = (*inner[self.position], *inner[self.frequency])
         shape = np.broadcast_shapes(*map(np.shape, inner)) or (1,)
         flat = [np.broadcast_to(a, shape).reshape(-1) for a in arguments]
@@ -173,9 +173,10 @@ class SliceSum:
     def shared_sums(
         self, ops: Any, tables: Tables, position: Sequence[Array], nu: Sequence[Array]
     ) -> Values:
-        """Return the sums (n, m) for each of n positions (x, y), each (n,), and m frequencies.
+        """Return the sums for n positions and m frequencies, shape (n, m).
 
-        ``nu`` contains nu_x and nu_y, each broadcast to (n, m). Each slice is computed only once.
+        ``position`` contains x and y, each with shape (n,). ``nu`` contains nu_x and nu_y, which
+        must broadcast to (n, m). Each slice is computed only once.
         """
         columns = np.broadcast_shapes(*(n.shape for n in nu))[1]
         nu = [np.broadcast_to(n, (n.shape[0], columns)) for n in nu]
@@ -226,8 +227,8 @@ class SliceSum:
     ) -> Iterator[tuple[Sequence[WavePair], bool, Array, tuple[Any, ...]]]:
         """Yield pairs of waves, whether the terms are even, position indices, and edge parts, (K1).
 
-        A part is (centre x, centre y, vector x, vector y, real weight, imaginary weight) in the
-        slice.
+        A part is a tuple (centre x, centre y, vector x, vector y, real weight, imaginary weight) in
+        the slice.
         """
         t = np.empty(len(position[0]), np.complex128)
         t.real, t.imag = position
@@ -253,8 +254,8 @@ class SliceSum:
     def _lists(self, tables: Tables) -> Iterator[tuple[Any, ...]]:
         """Yield the edge pairs of each view, as the entries of ``Tables.lists``.
 
-        An entry consists of the pairs of waves, whether the terms are even, the edge pairs, the
-        sign of the offset, and the side of the copy.
+        An entry contains the pairs of waves, a flag for even terms, the edge pairs, the sign of the
+        offset, and the side of the copy.
         """
         for group, other, views, pairs in self.pairings(tables):
             is_even = other == group and not tables.phased
@@ -498,7 +499,7 @@ AMBIGUITY_SUM = SliceSum(
     values=2,
     arguments=slice(2, 4),
 )
-# The terms of an area need no frequency, so the lag is passed as the frequency.
+# The sum for the area of a slice needs no frequency, so the lag is passed in its place.
 AREA_SUM = replace(
     AMBIGUITY_SUM,
     position=slice(0, 2),
