@@ -50,7 +50,8 @@ Obstacle = Polyhedron | PlacedAperture
 
 _OPS = execution.NumpyOperations()
 
-# Rounding error of a Fourier transform, relative to the upper bound `Radiator.content`.
+# Rounding error of a Fourier transform, relative to the upper bound `Radiator.content` on its
+# modulus.
 _FOURIER_ERROR = 1e-13
 
 
@@ -118,7 +119,8 @@ def amplitude(
         cannot be combined with ``through``, "fresnel" and "fraunhofer".
     edge : {"black", "soft", "hard"}, default "black"
         Boundary condition on the obstacles: "soft" for u = 0, "hard" for a normal derivative of
-        zero. Soft and hard obstacles are plates in one plane, and reflect (docs/shadows.md, (SB9)).
+        zero. Soft and hard obstacles must be plates in one plane. They reflect the wave
+        (docs/shadows.md, (SB9)).
     obliquity : str, optional
         Boundary condition of the far field for "fraunhofer" only: "rayleigh-sommerfeld-1"
         (default), "kirchhoff" or "rayleigh-sommerfeld-2".
@@ -137,14 +139,15 @@ def amplitude(
     Returns
     -------
     ndarray of complex128, shape (...)
-        Field in the unit of the source's field. An ``xarray.DataArray`` of points gives a
-        DataArray.
+        Field in the unit of the source's field. If ``points`` is an ``xarray.DataArray``, the
+        result is a DataArray.
 
     Raises
     ------
     ArgumentError
-        For arguments of the wrong type, shape or range, Dr.Jit arrays, points behind the source,
-        systems that require too many nodes, and edges with a total length above 2e8 wavelengths.
+        If an argument has the wrong type, shape or range or is a Dr.Jit array, if a point lies
+        behind the source, if a system requires too many nodes, or if the total length of the edges
+        exceeds 2e8 wavelengths.
     GeometryError
         If elements of an Array do not lie in the plane z = 0.
     EngineError
@@ -192,9 +195,9 @@ def amplitude_with_error(
     field : ndarray of complex128, shape (...)
         See :func:`amplitude`.
     error : ndarray of float64, shape (...)
-        Estimated error of each value, in the unit of the field. It covers the sum over nodes, not
-        the approximation of "fresnel" or "fraunhofer". Behind obstacles the estimate may double the
-        computing time.
+        Estimated error of each value, in the unit of the field. The estimate covers the sum over
+        quadrature nodes, but not the approximation of "fresnel" or "fraunhofer". Behind obstacles
+        the estimate may double the computing time.
 
     Raises
     ------
@@ -276,9 +279,9 @@ def _check_options(source: object, method: object, through: object, obliquity: o
     """Raise ArgumentError for options that obstacles and point sources do not allow."""
     if through is not None or obliquity is not None or method not in CONDITIONS:
         raise ArgumentError(
-            "the field of a PointSource, or behind obstacles, requires one of the methods "
-            f"{', '.join(CONDITIONS)} without through= and obliquity=, got method={method!r}; "
-            "omit the other options"
+            "the field of a PointSource or behind obstacles requires one of the methods "
+            f"{', '.join(CONDITIONS)}, got method={method!r}; omit through= and obliquity=, which "
+            "do not apply"
         )
     if isinstance(source, Screen):
         raise ArgumentError(
@@ -330,7 +333,8 @@ def _aberrated_field(
 def _seen_from(centre: Floats, points: Floats, wavelength: float) -> tuple[Floats, Floats, Complex]:
     """Return unit directions (n, 3), distances [wavelengths] and phase factors exp(ikR) of points.
 
-    ``centre``: position (2,) in the plane z = 0 from which the points (n, 3) are seen, in m.
+    The distances and directions of the points (n, 3) are relative to the position ``centre`` (2,)
+    in the plane z = 0, in m.
     """
     x, y = centre.tolist()
     ahead = point_in_wavelengths(_OPS, (x, y), wavelength, *points.T)
@@ -358,7 +362,7 @@ def _free_field(
     if obliquity is not None:
         raise ArgumentError(
             f'obliquity={obliquity!r} requires method="fraunhofer", got method={method!r}; omit '
-            "the obliquity, since the other methods have a fixed one"
+            "the obliquity, since the other methods have a fixed obliquity"
         )
     if isinstance(source, Screen):
         return field_of_screen(source, points, wavelength, method, allowed, engine)
@@ -392,7 +396,7 @@ def _fraunhofer(
 ) -> tuple[Complex, Floats]:
     """Return the Fraunhofer field (B7) at points (n, 3), and a bound on its rounding error.
 
-    ``obliquity``: None for the default boundary condition.
+    An ``obliquity`` of None selects the default boundary condition.
     """
     kind = checked_method(DEFAULT if obliquity is None else obliquity, CONDITIONS)
     flat = flat_source(source)

@@ -44,7 +44,7 @@ Flags = NDArray[np.bool_]
 # An edge within _CLOSE [wavelengths] of the point is near. The blend between near and far edges
 # ends at _OVERLAP times the near limits.
 _CLOSE, _OVERLAP = 1.0, 1.1
-# Pairs (point, edge) or (point, source point) per block, about 100 MB.
+# Number of pairs (point, edge) or (point, source point) per block, which take about 100 MB.
 _PAIRS = 1 << 19
 # Number of pairs per block whose arrays fit in the processor's cache.
 _CACHED = 1 << 14
@@ -55,7 +55,8 @@ _PER_ROW, _STEP = 40, 4
 # sum over the equivalent points is faster. The largest free field is estimated from up to
 # _MOST_LEVELS positions.
 _LEAST_POINTS, _LEAST_PAIRS, _MOST_LEVELS = 16, 1 << 20, 1 << 11
-# Costs of a sample and of a boundary wave, relative to the cost of one far node at a sample.
+# Costs of a sample on an edge and of a boundary wave, relative to the cost of one far node at a
+# sample.
 _SAMPLE_COST, _POINT_COST = 8.0, 100.0
 _NONE = np.zeros(1)
 _OPS: Any = NumpyOperations()
@@ -65,11 +66,11 @@ class Targets(NamedTuple):
     """Positions at which the field behind obstacles is computed."""
 
     positions: Floats
-    """Shape (n, 3)."""
+    """Positions in wavelengths, shape (n, 3)."""
     aside: Floats
     """Positions displaced off shadow boundaries for tests of visibility, shape (n, 3)."""
     margin: Floats
-    """Thickness of surfaces, shape (n,)."""
+    """Thickness of surfaces at each position, shape (n,)."""
     by_angles: Flags
     """Whether edge angles determine visibility, without ray tracing, shape (n,)."""
 
@@ -87,7 +88,7 @@ class EdgeSum:
     edges: Floats
     """Edges visible from at least one source point, shape (m, 2, 3)."""
     sees: Flags
-    """Whether an edge is visible from a near node, shape (k, m)."""
+    """Whether each edge is visible from each near node, shape (k, m)."""
     nodes: Interpolation
     counts: Indices
     """Number of samples of each edge, shape (m,)."""
@@ -106,7 +107,7 @@ class EdgeSum:
     ) -> EdgeSum | None:
         """Return the sum for positions (n, 3), or None if a sum over all source points is faster.
 
-        ``error``: allowed error, relative to the largest free field.
+        ``error`` is the allowed error relative to the largest free field.
         """
         is_shared = all(silhouette is seen[0] for silhouette in seen)
         views = [
@@ -149,7 +150,7 @@ class EdgeSum:
 
     @cached_property
     def _is_oblique(self) -> bool:
-        """Whether edge waves have an obliquity term, because a point has a weight of the field."""
+        """Whether edge waves have an obliquity term, because a source point has a field weight."""
         return any(point.field for point in self.points)
 
     def change(self, targets: Targets, rule: EdgeRule) -> tuple[Complex, Complex]:
@@ -247,8 +248,8 @@ class EdgeSum:
     def _far_nodes(self, samples: Floats, number: Indices) -> Floats:
         """Return table rows of the far nodes, as seen from samples (q, 3) of edges.
 
-        ``number`` (q,) are the edges of the samples. A row contains the directions and waves of
-        several nodes. Zero weights pad the last row of a sample.
+        ``number`` (q,) contains the edge of each sample. A row contains the directions and waves of
+        several nodes. The last row of a sample is padded with zeros.
         """
         source = self.nodes.far
         waves = source.waves_and_dipoles(samples)
@@ -257,7 +258,8 @@ class EdgeSum:
         if not self.sees.all():
             waves = [wave * self.sees[:, number].T for wave in waves]
         waves = [wave @ source.fractions.T for wave in waves]
-        # (SB5): derivative with respect to the source's z, divided by -ik.
+        # The obliquity term of (SB5) is the derivative with respect to z of the source, divided by
+        # -ik.
         waves[1:] = [wave * (-0.5j / math.pi) / length for wave in waves[1:]]
         count = len(source.positions)
         parts = math.ceil(count / _PER_ROW)
@@ -300,8 +302,8 @@ def _sample_counts(edges: Floats, nodes: Interpolation, positions: Floats, error
         slopes = [abs(_slope(along, p, centre) + _slope(along, p, at)) for p in (start, end)]
         distance = ops.maximum(_distance(ops, start, end, centre), 1e-9)
         phase = math.pi * (ops.maximum(*slopes) + 2.0 * radius * length / distance)
-        # lateral: distance between the edge and the line from source to point, measured at the
-        # edge.
+        # ``lateral`` is the distance between the edge and the line from the source to the point,
+        # measured at the edge.
         away = ops.maximum(_distance(ops, start, end, at), _CLOSE)
         part = away / (distance + away)
         lateral = ops.sqrt(2.0 * nodes.detour * distance * part) - radius * part
@@ -314,7 +316,8 @@ def _sample_counts(edges: Floats, nodes: Interpolation, positions: Floats, error
 def _slope(along: Point, end: Point, point: Point) -> Number:
     """Return the derivative along an edge of the distance from a point, times the edge length.
 
-    ``along``: vector of the edge. ``end``: the end of the edge at which the derivative is taken.
+    ``along`` is the vector of the edge, and ``end`` is the end of the edge at which the derivative
+    is taken.
     """
     away = difference(end, point)
     return dot(along, away) / _OPS.maximum(_OPS.sqrt(dot(away, away)), 1e-9)
@@ -333,7 +336,7 @@ def _near_weight(
 ) -> Number:
     """Return the weight of an edge in the sum over near edges, from 0 to 1.
 
-    ``least``: smallest detour of far edges.
+    ``least`` is the smallest detour of far edges.
     """
     detour, *_ = path_over(ops, source, point, start, end)
     ratio = ops.minimum(detour / least, _distance(ops, start, end, point) / _CLOSE)
@@ -344,10 +347,10 @@ def _near_weight(
 def _boundary_waves(
     rule: EdgeRule, is_oblique: bool, ops: Any, _: Point, sample: Point, shared: Point
 ) -> Values:
-    """Return the boundary wave of an edge relative to a node's wave, and relative to its dipole.
+    """Return the boundary wave of an edge relative to the wave and to the dipole of a node.
 
-    The four results are two pairs of real and imaginary part. The second pair is zero unless
-    ``is_oblique``.
+    The four results are the real and the imaginary part of both relative waves. The second pair is
+    zero unless ``is_oblique``.
     """
     origin, start, end, point, aside = (sample[k : k + 3] for k in (0, 3, 6, 9, 12))
     path = origin, point, start, end, aside
@@ -357,14 +360,14 @@ def _boundary_waves(
     else:
         boundary = Pair(*edge_wave(ops, rule, *path))
     boundary, rate = boundary.scaled(-0.5 / math.pi), rate.scaled(0.25 / math.pi**2)
-    # (SB5): derivative times -i.
+    # The obliquity term of (SB5) is the derivative times -i.
     return boundary.real, boundary.imag, rate.imag, -rate.real
 
 
 def _edge_angle(ops: Any, row: Point, sample: Point, shared: Point) -> Values:
     """Return the angle in rad that an edge spans about the line from a node to a point.
 
-    ``row``: ends of the edge. ``sample``: point. ``shared``: node.
+    ``row`` contains the ends of the edge, ``sample`` the point, and ``shared`` the node.
     """
     return (angle_about(ops, shared, sample, row[:3], row[3:6]),)
 
@@ -372,9 +375,9 @@ def _edge_angle(ops: Any, row: Point, sample: Point, shared: Point) -> Values:
 def _far_wave(width: int, ops: Any, row: Point, point: Point, shared: Point) -> Values:
     """Return the wave of one edge sample, summed over several nodes (SB8).
 
-    The results are its real and imaginary part. ``width``: number of values per node: its
-    direction, wave, and optionally dipole. ``shared``: smallest detour of far edges, and centre of
-    the source.
+    The results are the real and the imaginary part of the wave. ``width`` is the number of values
+    for each node, which are its direction, wave, and optionally dipole. ``shared`` contains the
+    smallest detour of far edges, and the centre of the source.
     """
     at, tangent, start, end = (row[k : k + 3] for k in (0, 3, 6, 9))
     part = 1.0 - _near_weight(ops, shared[0], shared[1:4], start, end, point)

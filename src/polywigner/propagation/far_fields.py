@@ -70,7 +70,7 @@ def far_field(
     """Return the far field of a source in directions s (..., 3) (RP1).
 
     The far field is the limit of ``r exp(-i k r) U(r s)`` at large distances r, in m times the unit
-    of the source's field. It is zero at z < 0.
+    of the source's field. The far field is zero at z < 0.
     """
     nu, cosine = directions[..., :2] / wavelength, directions[..., 2]
     front = np.maximum(cosine, 0.0)
@@ -81,7 +81,8 @@ def far_field(
         spectrum = fourier(source, nu, precision=precision, engine=engine)
         total = np.asarray(factor * spectrum, np.complex128)
     if condition.needs_normal_derivative:
-        # If all waves graze the plane, the normal derivative is zero.
+        # If all waves graze the plane, times_direction_cosine raises an error. The normal
+        # derivative is then zero.
         with suppress(IlluminationError):
             slopes = times_direction_cosine(source, wavelength)
             spectrum = fourier(slopes, nu, precision=precision, engine=engine)
@@ -184,7 +185,7 @@ def _intensity(
 # Smallest number of samples along a direction cosine, enough for the obliquity factor of small
 # sources.
 _LEAST_STEPS = 16
-# Directions per block, some megabytes.
+# Number of directions per block, which takes some megabytes.
 _BLOCK = 1 << 17
 # Largest number of directions in a search of the whole hemisphere, which takes a tenth of a second.
 _MOST = 1 << 20
@@ -200,7 +201,7 @@ class FarField:
     """The far field of a source as a function of direction."""
 
     source: PlaneSource | Wavefront | None
-    """Source, None for a table."""
+    """Source of the far field; None for a table."""
     wavelength: float
     """Wavelength in m."""
     at: Callable[..., Values]
@@ -309,8 +310,8 @@ def _near_peak(
 ) -> tuple[Floats, Floats]:
     """Return samples that may lie next to the largest peak, in descending order of values.
 
-    Points have the shape (n, 2), values (n,). The product of ``step`` and ``width`` (source width
-    in wavelengths) is at most 1/2.
+    Points have the shape (n, 2), and values have the shape (n,). The product of ``step`` and
+    ``width`` (source width in wavelengths) is at most 1/2.
     """
     fraction = float(np.cos(math.pi * width * step / 2).prod()) ** 2
     best = np.argsort(-values, kind="stable")[:_MOST_REFINED]
@@ -432,8 +433,8 @@ def _array_field(
     )  # fmt: skip
 
 
-# Largest deviation [rad] of an array's phases from linear phases. Tables deviate less, and
-# quantised phase shifters more.
+# Largest deviation [rad] of an array's phases from linear phases. Phases in rounded tables deviate
+# less, and phases of quantised phase shifters deviate more.
 _LINEAR = 0.02
 # Tolerance of symmetric frequencies, as a fraction of 1/wavelength.
 _SYMMETRIC = 1e-6
@@ -445,8 +446,9 @@ def steered_direction(
 ) -> tuple[float, float] | None:
     """Return theta and phi in rad to which a source is steered, or None if unknown.
 
-    This requires an array whose phases are linear apart from signs, or an aperture with a real
-    taper times a plane wave. The angles of ``beam`` select one of several grating lobes.
+    The direction is known for an array whose phases are linear apart from signs, and for an
+    aperture with a real taper times a plane wave. The angles of ``beam`` select one of several
+    grating lobes.
     """
     if source is None or isinstance(source, Wavefront):
         return None
@@ -470,7 +472,7 @@ def _phase_slope(
 ) -> Values | None:
     """Return the direction cosines (2,) to which the weights of an array are steered, or None.
 
-    The phases must be linear apart from signs. ``near`` (2,): direction cosines that select one of
+    The phases must be linear apart from signs. The direction cosines ``near`` (2,) select one of
     several grating lobes.
     """
     if len(weights) < 2:

@@ -62,7 +62,7 @@ _SAME_FREQUENCY = 1e-3
 _CONTRADICTION = 1.0
 # Largest relative difference between repeated fields, such as at phi = 0 and 360 degrees.
 _SAME_FIELD = 1e-3
-# Meridians required to integrate the radiated power.
+# Smallest number of meridians for the integral of the radiated power.
 _LEAST_MERIDIANS = 8
 
 
@@ -114,10 +114,10 @@ def read_pattern(path: str | os.PathLike[str], frequency: float | None = None) -
     Raises
     ------
     FileFormatError
-        If the file is missing, larger than 64 MiB, of another format, or damaged. If a unit is not
+        If the file is missing, larger than 64 MiB, of another format, or damaged; if a unit is not
         supported, columns contradict each other, angles do not cover the front, or fields are not
-        finite or all zero. If the file contains several frequencies and ``frequency`` is not
-        specified, or if it does not contain ``frequency``.
+        finite or all zero; or if the file contains several frequencies and ``frequency`` is not
+        specified or not among them.
     ArgumentError
         If the path or the frequency is invalid.
 
@@ -161,8 +161,8 @@ def _read(
 ) -> xarray.Dataset:
     """Read a pattern at ``frequency`` in Hz, within a relative ``tolerance``.
 
-    ``frequency``: None for the only frequency of the file. Raises FileFormatError for invalid
-    files.
+    A ``frequency`` of None selects the only frequency of the file. Raises FileFormatError for
+    invalid files.
     """
     file = checked_path(path)
     suffix = file.suffix.lower()
@@ -178,7 +178,7 @@ def _read(
 
 
 def _check_suffix(suffix: str, known: Iterable[str]) -> None:
-    """Raise FileFormatError unless a suffix such as ".ffd" is one of the known ones."""
+    """Raise FileFormatError unless a suffix such as ".ffd" is among the known suffixes."""
     if suffix not in known:
         raise FileFormatError(
             f"the suffix {suffix or 'none'!r} of the pattern file is not supported; use one of "
@@ -191,8 +191,8 @@ def _at_frequency(
 ) -> FarFieldTable:
     """Return the far field nearest to a frequency in Hz, or the only one for None.
 
-    A table without a frequency gets this frequency. Raises FileFormatError if the relative
-    difference exceeds ``tolerance``.
+    A table without a frequency is returned with this frequency. Raises FileFormatError if the
+    relative difference exceeds ``tolerance``.
     """
     if not tables:
         raise FileFormatError("the file contains no far field")
@@ -288,8 +288,8 @@ def _folded(theta: Floats, phi: Floats, fields: Complex) -> tuple[Floats, Floats
 def _gridded(theta: Floats, phi: Floats, fields: Complex) -> tuple[Floats, Floats, Complex]:
     """Return theta (n,) and phi (m,) in rad, and field components (2, n, m) on their grid.
 
-    Arguments: angles (k,) in degrees and fields (2, k). Raises FileFormatError if a direction of
-    the grid is missing, or has two different fields.
+    The arguments are angles (k,) in degrees and field components (2, k). Raises FileFormatError if
+    a direction of the grid is missing, or has two different fields.
     """
     polar, row = np.unique(theta, return_inverse=True)
     azimuth, column = np.unique(phi, return_inverse=True)
@@ -415,15 +415,15 @@ class _Pattern:
     """A pattern with the angles, units and phases of files."""
 
     theta: Floats
-    """In degrees, shape (n,)."""
+    """Angles theta in degrees, shape (n,)."""
     phi: Floats
-    """In degrees, shape (m,)."""
+    """Angles phi in degrees, shape (m,)."""
     directivity: Floats
-    """In dBi, shape (n, m)."""
+    """Directivity in dBi, shape (n, m)."""
     components: tuple[Complex, Complex]
     """E_theta and E_phi in V with phases exp(+j omega t - j k r), shapes (n, m)."""
     about: dict[str, float]
-    """In Hz, W and dBi."""
+    """Numerical attributes of the pattern in Hz, W and dBi."""
 
     def rows(self, *columns: Floats) -> Iterator[tuple[float, ...]]:
         """Yield phi, theta (degrees) and the values of columns (n, m); theta varies fastest."""
@@ -467,14 +467,14 @@ def write_pattern(
     Parameters
     ----------
     pattern : xarray.Dataset
-        Result of :func:`radiation_pattern`, or a selection of its angles. Files have angles in
+        Result of :func:`radiation_pattern`, or a selection of its angles. Angles are written in
         ascending order.
     path : path
         Path of the file, whose suffix selects the format. The file is written completely or not at
         all.
     polarisation : {"y", "x"}, default "y"
-        Direction of the electric field on the aperture of a scalar pattern. Not allowed for a
-        polarised pattern.
+        Direction of the electric field on the aperture of a scalar pattern. The argument is not
+        allowed for a polarised pattern.
     efficiency : float, default 1
         Radiated power divided by accepted power, for the gain in .msi and .pln files.
 
@@ -507,7 +507,7 @@ def write_pattern(
 
 
 def _file_pattern(pattern: Any, polarisation: Any, efficiency: float) -> _Pattern:
-    """Return a pattern as files contain it; raise ArgumentError for invalid arguments."""
+    """Return a pattern in the form of files; raise ArgumentError for invalid arguments."""
     checked_pattern(pattern)
     if "field" not in pattern:
         raise ArgumentError(
@@ -578,7 +578,7 @@ def _ffd_lines(pattern: _Pattern) -> Lines:
 def _grasp_lines(pattern: _Pattern) -> Lines:
     """Yield the lines of polar cuts in the format of GRASP."""
     step = _even_step("theta", pattern.theta, ".cut")
-    # |E|^2 is the directivity 4 pi |rE|^2/(2 Z0)/P.
+    # GRASP fields are scaled so that |E|^2 is the directivity 4 pi |rE|^2/(2 Z0)/P.
     scale = math.sqrt(4 * math.pi / (2 * FREE_SPACE * pattern.about["radiated_power"]))
     for j, phi in enumerate(pattern.phi):
         yield f"polywigner, {pattern.about['frequency']:.12g} Hz, phi = {phi:.9g} deg"
@@ -605,7 +605,7 @@ def _msi_lines(pattern: _Pattern) -> Lines:
     for name, phi in (("HORIZONTAL", 0.0), ("VERTICAL", 90.0)):
         theta, levels = _full_cut(pattern, phi)
         yield f"{name} 360"
-        # 0, -1, ..., -179, 180, 179, ..., 1 degrees.
+        # The angles theta are 0, -1, ..., -179, 180, 179, ..., 1 degrees.
         angles = 180.0 - (np.arange(360) + 180) % 360
         front = np.where(np.abs(angles) > 90, FLOOR, np.interp(angles, theta, levels))
         for degrees, level in enumerate(front):

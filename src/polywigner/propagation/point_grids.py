@@ -82,7 +82,7 @@ METHODS: tuple[str, ...] = get_args(Method)
 DEFAULT_TOLERANCE = 1e-9
 """Default relative error of fields."""
 
-# Smallest tolerance: some tens of rounding errors.
+# Smallest tolerance, some tens of times a rounding error.
 _LEAST = 1e-13
 
 
@@ -130,7 +130,7 @@ def checked_method(method: Any, allowed: Collection[str] = METHODS) -> str:
 def warn_of_missed(errors: Floats, allowed: Floats, what: str) -> None:
     """Warn if estimated errors (n,) are NaN or exceed the allowed errors (n,).
 
-    ``what``: plural noun for the values in the message, such as "points".
+    ``what`` is a plural noun for the values in the message, such as "points".
     """
     missed = ~(errors <= allowed)
     if missed.any():
@@ -164,7 +164,7 @@ class Grid:
 def _affine(origin: Floats, directions: Floats, *along: Floats) -> Floats:
     """Return points (n, m, ..., 3) for all combinations of distances along unit vectors (k, 3).
 
-    ``along``: k arrays (n,), (m,), ... of distances from the origin.
+    ``along`` contains k arrays (n,), (m,), ... of distances from the origin.
     """
     steps = (a[..., None] * e for a, e in zip(np.ix_(*along), directions, strict=True))
     return np.asarray(sum(steps, origin))
@@ -178,7 +178,8 @@ def _spherical(centre: Floats, radius: float, theta: Floats, phi: Floats) -> Flo
 def box_grid(box: Any, shape: Any) -> Grid:
     """Return a grid over x, y and z in a box, faces included.
 
-    ``box`` (2, 3): lowest and highest corner in m, with z > 0. ``shape``: three numbers of points.
+    ``box`` (2, 3) contains the lowest and the highest corner in m, with z > 0. ``shape`` contains
+    the numbers of points along the three axes.
     """
     low, high = _corners("box", box, "lowest and the highest")
     if (high < low).any():
@@ -195,8 +196,8 @@ def plane_grid(where: Any, shape: Any) -> Grid:
     """Return a grid on a rectangle with z > 0, specified by a flat box or by three corners, in m.
 
     The axes are two of x, y and z for a box (2, 3). For corners (3, 3), the axes are the distances
-    u and v from the first corner towards the second and the third corner. ``shape``: numbers of
-    points along both axes.
+    u and v from the first corner towards the second and the third corner. ``shape`` contains the
+    numbers of points along both axes.
     """
     expected = "expected a plane as a box (2, 3) of zero thickness, or as three corners (3, 3)"
     corners = finite_array(where, f"{expected}, in metres", (2, 3), (3, 3))
@@ -227,7 +228,7 @@ def plane_grid(where: Any, shape: Any) -> Grid:
 def line_grid(ends: Any, samples: Any) -> Grid:
     """Return a grid of points along a line, over the distance in m from its first end.
 
-    ``ends`` (2, 3) are in m. ``samples``: number of points, both ends included.
+    ``ends`` (2, 3) are in m. ``samples`` is the number of points, both ends included.
     """
     start, end = _corners("line", ends, "first and the last")
     length = float(np.linalg.norm(end - start))
@@ -258,7 +259,8 @@ def _affine_grid(
 ) -> Grid:
     """Return a grid of points from an origin and distances along unit vectors (k, 3).
 
-    ``spans``: name, first value, last value and number of points of each axis, in m.
+    ``spans`` contains the first value in m, the last value in m, and the number of points of each
+    axis, by name.
     """
     axes = {
         name: labelled_array(_axis(*span), (name,), {"units": "m"}) for name, span in spans.items()

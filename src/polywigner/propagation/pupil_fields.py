@@ -38,8 +38,8 @@ from polywigner.transforms.pupil_gradients import (
 )
 from polywigner.transforms.xarray_arguments import takes_xarray
 
-# Largest number of pairs (node, point) per block, some tens of megabytes, and per call. About 1e9
-# pairs take a minute.
+# Largest numbers of pairs (node, point) per block and per call. A block takes some tens of
+# megabytes, and about 1e9 pairs take a minute.
 _BLOCK, _MOST = 1 << 20, 2e10
 # Number of points at which the error is estimated.
 _CHECKED = 32
@@ -243,7 +243,7 @@ def psf(
         Path length in m, the same at all wavelengths, in addition to the defocus. The field is a
         sum over nodes in the pupil (docs/imaging.md, (IM3)).
     weights : array_like, shape (k,), optional
-        Weights of the wavelengths, zero or more; equal by default.
+        Weights of the wavelengths, each zero or more. By default all weights are equal.
     tolerance : float, default 1e-10
         Allowed error of the field of an aberrated pupil, as a fraction of the field with all parts
         of the pupil in phase; at least 1e-13. The error is estimated by a second quadrature rule.
@@ -253,9 +253,9 @@ def psf(
     Returns
     -------
     ndarray of float64, shape (...)
-        Values in 1/m^2, zero or more. An ``xarray.DataArray`` of points gives a DataArray. A
-        :func:`differentiable` pupil, or an aberration with Dr.Jit coefficients, gives a Dr.Jit
-        ``Float`` with derivatives.
+        Values in 1/m^2, zero or more. If ``points`` is an ``xarray.DataArray``, the result is a
+        DataArray. A :func:`differentiable` pupil, or an aberration with Dr.Jit coefficients, gives
+        a Dr.Jit ``Float`` with derivatives.
 
     Raises
     ------

@@ -47,7 +47,7 @@ Index = tuple[int, ...]
 Block = Callable[[Index, Index], NDArray[Any]]
 """Function of the first index and the shape that computes a block of a grid."""
 Variable: TypeAlias = tuple[Block, DTypeLike, dict[str, Any]]
-"""Function that computes blocks, dtype, and attributes."""
+"""Function that computes blocks of a variable, its dtype, and its attributes."""
 Chunks: TypeAlias = int | str | Sequence[int | str | Sequence[int] | None] | Mapping[int, Any]
 """Chunk sizes in a form that dask accepts."""
 Scheduler: TypeAlias = "str | Cluster | None"
@@ -211,7 +211,7 @@ def _fill_store(
 ) -> None:
     """Compute the missing chunks of a store, which is created if necessary.
 
-    ``default``: dask scheduler if the option ``scheduler`` is not specified.
+    ``default`` is the dask scheduler that is used if the option ``scheduler`` is not specified.
     """
     scheduler, threads = options.get("scheduler"), options.get("threads")
     required("zarr", "dask")
@@ -292,7 +292,7 @@ def _missing_tasks(folder: Path, dataset: xarray.Dataset) -> list[Any]:
     tasks = []
     for name, array in dataset.data_vars.items():
         path, meta = folder.absolute() / str(name), np.empty((0,) * array.ndim)
-        # dask fuses computing and writing a chunk.
+        # dask computes and writes a chunk in a single task.
         blocks = array.data.map_blocks(_write_region, path=path, meta=meta).to_delayed()
         for index in np.ndindex(blocks.shape):
             if not path.joinpath("c", *map(str, index)).is_file():

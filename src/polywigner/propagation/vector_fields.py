@@ -206,8 +206,8 @@ def _dipole_terms(
 def dipole_fields(ahead: Floats, q: Complex, currents: Currents) -> Complex:
     """Return the electric field of equivalent currents on one square wavelength at the origin.
 
-    ``ahead`` (..., 3): positions in wavelengths. ``q`` (3,): polarisation vector with q_z = 0. The
-    result (..., 3) is relative to the field on the source.
+    ``ahead`` (..., 3) contains positions in wavelengths, and ``q`` (3,) is the polarisation vector
+    with q_z = 0. The result (..., 3) is relative to the field on the source.
     """
     distance = np.linalg.norm(ahead, axis=-1, keepdims=True)
     s, a = ahead / distance, 0.5j / (math.pi * distance)
@@ -243,8 +243,8 @@ def _near_field(
     def integral(method: str, factor: Any) -> Complex:
         """Return the integral Phi of (VP1) for SECOND, otherwise dPhi/dz/(ik), at all points.
 
-        ``factor``: function of the direction cosines (m, 2) of plane waves, by which they are
-        multiplied.
+        ``factor`` is a function of the direction cosines (m, 2) of the plane waves, and returns the
+        factor of each wave.
         """
         base, elements = without_grazing if method == SECOND else radiator, []
         for element in base.elements:
@@ -322,7 +322,7 @@ def _not_grazing(radiator: Radiator, wavelength: float) -> Radiator:
     return replace(radiator, elements=tuple(elements))
 
 
-# Pairs (point, panel) per block, and panels per block.
+# Number of pairs (point, panel) per block, and number of panels per block.
 _PAIRS, _PANELS = 1 << 17, 1 << 14
 # Cost of a pair (point, panel), relative to the cost of an edge in a Fourier transform.
 _TERMS = 16
@@ -416,7 +416,7 @@ def far_vectors(
     """Return the electric far field (..., 3) of a polarised source in directions s (..., 3) (VP2).
 
     The far field is the limit of ``r exp(-ikr) E(r s)`` at large distances r, in m times the unit
-    of u. It is zero at z < 0.
+    of u. The far field is zero at z < 0.
     """
     nu = directions[..., :2] / wavelength
     total = np.zeros(directions.shape, np.complex128)
@@ -427,9 +427,10 @@ def far_vectors(
 
 
 def far_field_of_currents(q: Complex, directions: Floats, model: str) -> Complex:
-    """Return the far field of currents, relative to the scalar one ``F/(i wavelength)`` (VP2).
+    """Return the far field of currents relative to the scalar far field F/(i wavelength) (VP2).
 
-    ``q`` (3,): polarisation vector with q_z = 0. Directions and result have the shape (..., 3).
+    ``q`` (3,) is the polarisation vector with q_z = 0. Directions and result have the shape (...,
+    3).
     """
     m, e = MODELS[model]
     up, along = np.array([0.0, 0.0, 1.0]), directions @ q[:, None]
@@ -451,7 +452,7 @@ def ludwig_components(far: Complex, directions: Floats) -> tuple[Complex, Comple
 def co_and_cross(components: tuple[Complex, Complex], jones: Complex) -> tuple[Complex, Complex]:
     """Convert components along x and y to co- and cross-polar parts (VP3).
 
-    ``jones`` (2,): unit Jones vector of the co-polar part.
+    ``jones`` (2,) is the unit Jones vector of the co-polar part.
     """
     (x, y), (p, q) = components, jones
     return p.conjugate() * x + q.conjugate() * y, p * y - q * x
@@ -460,7 +461,7 @@ def co_and_cross(components: tuple[Complex, Complex], jones: Complex) -> tuple[C
 def from_co_and_cross(co: Complex, cross: Complex, jones: Complex) -> tuple[Complex, Complex]:
     """Convert co- and cross-polar parts to components along x and y.
 
-    ``jones`` (2,): unit Jones vector of the co-polar part.
+    ``jones`` (2,) is the unit Jones vector of the co-polar part.
     """
     p, q = jones
     return p * co - q.conjugate() * cross, q * co + p.conjugate() * cross
