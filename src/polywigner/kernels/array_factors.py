@@ -92,8 +92,9 @@ class ProfileFactor:
     def at(self, ops: Any, by_mean: bool, number: Any, cycles: Any) -> Pair:
         """Return the sum of a_i a_j* exp(-2 pi i t s) over all pairs with the same ``number``.
 
-        If ``by_mean`` is true, ``number`` is i + j, and s is (i - j)/2. Otherwise, ``number`` is i
-        - j + N - 1, and s is (i + j - N + 1)/2. ``cycles`` is t, a frequency in cycles per period.
+        If ``by_mean`` is true, ``number`` is i + j, and s is (i - j)/2. If it is false, ``number``
+        is i - j + N - 1, and s is (i + j - N + 1)/2. ``cycles`` is t, a frequency in cycles per
+        period.
         """
         last = self.count - 1.0
         pairs = self.count - abs(number - last)

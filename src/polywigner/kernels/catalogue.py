@@ -59,7 +59,7 @@ _PARTLY_COHERENT: dict[Kernel, Kernel] = {
 MOST_WIDTHS = 1 << 15
 """Largest area of a source, in squared coherence widths, for which W is computed as an average over
 tilts. The average needs four tilts per squared coherence width."""
-# Largest number of array elements for which W in partially coherent light is computed in closed
+# Largest numbers of array elements for which W in partially coherent light is computed in closed
 # form, at a cost proportional to the number of element pairs. The larger limit applies if an
 # average over tilts would need too many tilts.
 _FEW_ELEMENTS, _MOST_ELEMENTS = 16, 256

@@ -134,7 +134,7 @@ def _bessel(ops: Any, half: Any) -> tuple[Any, Any, Any]:
     inverse = 1.0 / ops.select(small, 1.0, x)
     cosine, sine, ratio = cos_sin_over_cycles(ops, half)
     j0 = ops.select(small, ratio * (0.5 / math.pi), sine * inverse)
-    # The series is evaluated for all x. It is not used for large x, but must not overflow there.
+    # The series is evaluated for all x, and must not overflow for large x, where it is not used.
     square = ops.select(small, x * x, 0.0)
     coefficients = [1 / 15]
     for k in range(1, (_DOUBLE if ops.double else _SINGLE) + 1):

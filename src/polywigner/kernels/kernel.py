@@ -29,8 +29,8 @@ class Kernel:
     enter: Callable[..., Values]
     """Function (ops, frame, *arguments) that converts the arguments to the frame of the source."""
     edge_sum: Callable[..., Values]
-    """Function (ops, tables, *arguments in the frame) that returns the sums over edges. It is a
-    `SliceSum` for W and A."""
+    """Function (ops, tables, *arguments in the frame) that returns the sums over edges. The
+    function is a `SliceSum` for W and A."""
     leave: Callable[..., Values]
     """Function (ops, frame, arguments in the frame, sums) that returns results in user units."""
     grid_tables: Callable[[Any], Any] | None = None

@@ -63,8 +63,8 @@ class Frame:
         pairs = zip(x, self.centre, strict=True)
         if self.is_diagonal:
             return self.vector(ops, *(p - c for p, c in pairs))
-        # For a long, narrow outline the products cancel almost completely, so the rounding errors
-        # of the differences matter.
+        # For a long, narrow outline, the products in ``vector`` cancel almost completely, so
+        # rounding errors of the differences matter.
         return self.vector(ops, *(phases.difference(p, c) for p, c in pairs))
 
     @cached_property

@@ -86,10 +86,11 @@ def amplitude(
     """Compute the complex field U(x, y, z) of a source in the plane z = 0.
 
     The Rayleigh-Sommerfeld and Kirchhoff integrals over the source are reduced to integrals along
-    its edges without approximation, evanescent waves included (docs/theory.md, (B1) to (B5)). They
-    are as accurate at z = 1e-6 wavelengths as in the far field. Like Fresnel's integral (B6), they
-    are smooth across the boundary of the geometric shadow. Fraunhofer's field (B7) follows from
-    the Fourier transform of the source. The phase convention is exp(+ikR)/R for a spherical wave.
+    its edges without approximation, evanescent waves included (docs/theory.md, (B1) to (B5)). The
+    results are as accurate at z = 1e-6 wavelengths as in the far field. Like Fresnel's integral
+    (B6), these fields are smooth across the boundary of the geometric shadow. Fraunhofer's field
+    (B7) follows from the Fourier transform of the source. The phase convention is exp(+ikR)/R for a
+    spherical wave.
 
     Parameters
     ----------
@@ -119,7 +120,7 @@ def amplitude(
         cannot be combined with ``through``, "fresnel" and "fraunhofer".
     edge : {"black", "soft", "hard"}, default "black"
         Boundary condition on the obstacles: "soft" for u = 0, "hard" for a normal derivative of
-        zero. Soft and hard obstacles must be plates in one plane. They reflect the wave
+        zero. Soft and hard obstacles must be plates in one plane. Such plates also reflect the wave
         (docs/shadows.md, (SB9)).
     obliquity : str, optional
         Boundary condition of the far field for "fraunhofer" only: "rayleigh-sommerfeld-1"
@@ -127,12 +128,13 @@ def amplitude(
     aberration : Aberration, optional
         Path length in m on the source, for "fresnel" and "fraunhofer" (docs/imaging.md, (IM3)).
     tolerance : float, optional
-        Allowed error, by default 1e-9, at least 1e-13. It is a fraction of the incident amplitude,
-        or of the field with all parts of the source in phase if this field is smaller. This
-        in-phase field is |u| area/(wavelength distance), or, within a wavelength of the source, the
-        static field |u| area/(2 pi distance^2). With obstacles the tolerance is a fraction of the
-        largest field at three or more wavelengths from the source; the default is 1e-6, and the
-        smallest value is 1e-8. The tolerance is not used by "fraunhofer" without an aberration.
+        Allowed error, by default 1e-9, at least 1e-13. The tolerance is a fraction of the incident
+        amplitude, or of the field with all parts of the source in phase if this field is smaller.
+        This in-phase field is |u| area/(wavelength distance), or, within a wavelength of the
+        source, the static field |u| area/(2 pi distance^2). With obstacles the tolerance is a
+        fraction of the largest field at three or more wavelengths from the source; the default is
+        1e-6, and the smallest value is 1e-8. The tolerance is not used by "fraunhofer" without an
+        aberration.
     engine : {"auto", "numpy", "llvm", "cuda"}
         See :func:`fourier`.
 

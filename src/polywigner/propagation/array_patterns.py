@@ -39,7 +39,7 @@ _ERRORS = {
     "position": (math.inf, "an rms error of zero or more, in m"),
     "dead": (math.nextafter(1.0, 0.0), "a fraction from 0 to below 1"),
 }
-# Decibels per neper.
+# Number of decibels per neper.
 _NEPER = 20 / math.log(10)
 
 

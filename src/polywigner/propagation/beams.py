@@ -75,7 +75,7 @@ class CutMetrics:
     directivity: float
     """Directivity of the cut's peak in dBi; minus infinity if the cut has no radiation."""
     half_power_beamwidth: float
-    """Angle in rad between the half-power directions; NaN if one of them is beyond the cut."""
+    """Angle in rad between the half-power directions; NaN if one lies beyond the cut."""
     sidelobe_levels: tuple[float, float]
     """Levels in dB of the first sidelobe on each side, relative to the peak of the cut.
 

@@ -235,14 +235,15 @@ def _divided_edges(outline: Aperture, longest: float) -> tuple[Floats, Floats, F
 
 # Cost of an edge in a boundary integral, relative to its cost in a Fourier transform.
 _TERMS = 16
-# Largest number of panels. This number takes 2 GB of memory, and one second per point on one core.
+# Largest number of panels, which take 2 GB of memory, and one second per point on one core.
 _MOST_PANELS = 1 << 24
 # Pairs (upper limit of the distance from the source, length of the longest panels) [wavelengths].
 # Panels twice as long as the distance need the fewest nodes.
 _STRATA = ((3.0, 3.0), (6.0, 6.0), (math.inf, 12.0))
 # Number of panels per block.
 _ROWS = 1 << 14
-# Factor by which the number of digits grows in each round, and largest number of rounds.
+# Factor by which the number of digits grows in each round of refinement, and largest number of
+# rounds.
 _HARDER, _ROUNDS = 1.6, 4
 # Additional digits per panel [natural logarithm], because the errors of panels add up.
 _MARGIN = 2.7
@@ -250,8 +251,8 @@ _MARGIN = 2.7
 # which Ctrl-C has no effect. Fewer than _FEWEST_POINTS points take less time than the overhead of a
 # call.
 _MOST_PAIRS, _FEWEST_POINTS = 1 << 20, 1 << 12
-# Smallest height [wavelengths] and direction cosine p_z for steepest descent. These limits bound
-# the stationary phase N'/2 of (B3) from below.
+# Smallest height [wavelengths] and smallest direction cosine p_z for steepest descent. These limits
+# bound the stationary phase N'/2 of (B3) from below.
 _STEEP_HEIGHT, _STEEP_COSINE = 16.0, 0.5
 # Number of rounds of steepest descent after which panels are used instead.
 _STEEP_ROUNDS = 2

@@ -23,8 +23,8 @@ from polywigner.propagation.equivalent_points import RadiatingPoint
 Edge = Literal["black", "soft", "hard"]
 EDGES = ("black", "soft", "hard")
 
-# Allowed distance of plates from their common plane, as a fraction of their extent. Coordinates may
-# be in single precision.
+# Allowed distance of plates from their common plane, as a fraction of their extent. The limit
+# allows for coordinates in single precision.
 _UNEVEN = 1e-6
 # Distance [wavelengths] from the source below which the field loses digits. A fourth-order mean
 # over points at multiples of _STEP replaces the field there.

@@ -217,7 +217,8 @@ def _warnings_once() -> Iterator[None]:
         warnings.simplefilter("always")
         yield
     for warning in {re.sub(r"[\d.]+", "", str(w.message)): w for w in caught}.values():
-        # Stack level of the caller of `line`, `plane`, ..., which `takes_frequency` wraps.
+        # The stack level refers to the caller of `line`, `plane`, ..., which `takes_frequency`
+        # wraps.
         warnings.warn(warning.message, warning.category, stacklevel=6)
 
 

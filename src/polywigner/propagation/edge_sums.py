@@ -41,8 +41,8 @@ from polywigner.propagation.source_nodes import Interpolation, interpolation_for
 
 Flags = NDArray[np.bool_]
 
-# An edge within _CLOSE [wavelengths] of the point is near. The blend between near and far edges
-# ends at _OVERLAP times the near limits.
+# Distance [wavelengths] from the point below which an edge is near, and ratio of the limit at which
+# the blend between near and far edges ends to the limit for near edges.
 _CLOSE, _OVERLAP = 1.0, 1.1
 # Number of pairs (point, edge) or (point, source point) per block, which take about 100 MB.
 _PAIRS = 1 << 19
@@ -51,9 +51,8 @@ _CACHED = 1 << 14
 # Largest number of far nodes per table row. The number is rounded up to a multiple of _STEP, which
 # limits the number of compiled kernels.
 _PER_ROW, _STEP = 40, 4
-# With fewer than _LEAST_POINTS equivalent points, or fewer than _LEAST_PAIRS edge waves, a direct
-# sum over the equivalent points is faster. The largest free field is estimated from up to
-# _MOST_LEVELS positions.
+# Numbers of equivalent points and of edge waves below which a direct sum over the equivalent points
+# is faster, and largest number of positions from which the largest free field is estimated.
 _LEAST_POINTS, _LEAST_PAIRS, _MOST_LEVELS = 16, 1 << 20, 1 << 11
 # Costs of a sample on an edge and of a boundary wave, relative to the cost of one far node at a
 # sample.

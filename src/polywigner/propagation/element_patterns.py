@@ -35,15 +35,15 @@ _EVEN = 1e-6
 # Number of samples from which a value on an open meridian is interpolated. The error is 1e-6 for 8
 # samples per lobe, and rounding errors grow by less than a factor of 100 (docs/patterns.md).
 _STENCIL = 12
-# Backward radiation below this fraction of the largest field counts as zero.
+# Fraction of the largest field below which backward radiation counts as zero.
 _NOTHING = 1e-9
 # Number of directions per block.
 _ROWS = 4096
 # Numbers of angles of the largest table, which has steps of a quarter degree. The table takes 16
 # MB, and its interpolation matrices take 0.1 GB.
 MOST_THETA, MOST_PHI = 721, 1440
-# Number of quadrature nodes beyond the bandwidth of the field. The error, a Bessel function of high
-# order, is then negligible.
+# Number of quadrature nodes in addition to the bandwidth of the field. The error, a Bessel function
+# of high order, is then negligible.
 _MARGIN = 40
 
 
@@ -102,15 +102,15 @@ class ElementPattern:
         count = len(phi)
         orders = np.fft.fftfreq(count, 1 / count)
         waves = np.fft.fft(values, axis=2) / count * np.exp(-1j * orders * phi[0])
-        # For an even number of samples, the highest order is a cosine: two waves of opposite order
-        # and half the amplitude.
+        # For an even number of samples, the wave of highest order is a cosine, which consists of
+        # two waves of opposite order and half the amplitude.
         if count % 2 == 0:
             waves[:, :, count // 2] /= 2
             other = waves[:, :, count // 2, None] * np.exp(-1j * count * phi[0])
             waves, orders = np.concatenate([waves, other], axis=2), np.append(orders, count / 2)
         used = np.abs(waves).max(axis=(0, 1)) > 1e-15 * largest
         self._orders, waves = orders[used], waves[:, :, used]
-        # Both components change sign across the pole, at phi + pi.
+        # Beyond the pole, at phi + pi, both components change sign.
         beyond = -waves * (-1.0) ** np.abs(self._orders)
         # The angles pi and -pi are the same sample.
         last = len(theta) - 1 if self.covers_sphere else len(theta)
@@ -276,8 +276,8 @@ _POOR = 0.3
 # Period of the sum of plane waves, as a multiple of the extent of the outline. A multiple of 2
 # would halve the residual, but would require 2.6 times as many waves.
 _PERIODS = 1.25
-# Largest number of plane waves. The fit then takes some seconds, for an outline 12 wavelengths
-# wide.
+# Largest number of plane waves. An outline 12 wavelengths wide requires this number, and the fit
+# takes some seconds.
 _MOST_WAVES = 1200
 
 

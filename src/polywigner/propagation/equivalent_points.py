@@ -33,7 +33,7 @@ _MOST_SOURCES = 1 << 15
 # are added to the number that a uniform aperture needs, and the numbers in the second tuple to the
 # number that resolves any source.
 _MORE_OF_UNIFORM, _MORE_OF_ANY = (0, 2, 4, 6, 9, 12, 16, 20), (0, 8, 16)
-# Relative singular values below this limit are rounding errors.
+# Relative magnitude below which singular values are rounding errors.
 _ROUNDING = 1e-9
 # Margin around the required range of sines, multiplied by the side of the bounding box in
 # wavelengths.
@@ -105,7 +105,7 @@ def equivalent_grid(
 
 def _numbers_of_nodes(cycles: float, error: float) -> list[int]:
     """Return ascending numbers of Gauss nodes to try, for ``cycles`` of phase along half a side."""
-    # The last numbers resolve any field on the source.
+    # The last numbers of nodes resolve any field on the source.
     uniform = math.ceil(3.0 * cycles) + math.ceil(-0.7 * math.log10(error) * cycles ** (1 / 3)) + 1
     numbers = [uniform + more for more in _MORE_OF_UNIFORM]
     return numbers + [

@@ -217,7 +217,7 @@ def _checked_unit(
 
 def _cst_columns(header: str) -> list[Column | None]:
     """Return the columns in the header of a CST table, and None for each unknown column."""
-    # Abs(Theta) and Abs(Phi) have the quantity of the total column, such as Abs(Dir.).
+    # The columns Abs(Theta) and Abs(Phi) have the quantity of the total column, such as Abs(Dir.).
     titles: list[tuple[str, str | None]] = re.findall(r"([^\[\]]+)\[([^\]]*)\]", header)
     titles += [(name, None) for name in header.rpartition("]")[2].split()]
     names = [re.sub(r"[\s.]", "", name).lower() for name, _ in titles]
@@ -248,9 +248,9 @@ def _check_columns(columns: Sequence[Column | None]) -> None:
         )
 
 
-# Intensities below this fraction of the maximum are not compared, because tables are rounded.
+# Fraction of the maximum below which intensities are not compared, because tables are rounded.
 _COMPARED = 1e-2
-# Largest level difference [dB] due to rounded tables.
+# Largest level difference [dB] that may be due to the rounding of tables.
 SAME_LEVEL = 0.1
 # GRASP omits the letter E of exponents with three digits.
 _SHORT_EXPONENT = re.compile(r"(?<=\d)([+-]\d{3})$")

@@ -295,10 +295,10 @@ class FarField:
 
 
 # The spectrum |F|^2 of a source of width D is at least cos^2(pi d D) times the peak at the distance
-# d from the peak, along an axis. This is a lower bound on the sample next to the largest peak.
-# _WINDOW is the number of samples on each side of the centre of the search window, and the factor
-# by which the window shrinks in each of _ROUNDS rounds. The position of the peak is accurate to
-# 4^-8 steps. The height varies quadratically and is accurate to about 1e-9.
+# d from the peak, along an axis. This value is a lower bound on the sample next to the largest
+# peak. _WINDOW is the number of samples on each side of the centre of the search window, and the
+# factor by which the window shrinks in each of _ROUNDS rounds. The position of the peak is accurate
+# to 4^-8 steps. The height varies quadratically and is accurate to about 1e-9.
 _WINDOW, _ROUNDS = 4, 8
 _EQUAL = 1e-9
 # Largest number of samples from which a local search starts.
@@ -436,7 +436,7 @@ def _array_field(
 # Largest deviation [rad] of an array's phases from linear phases. Phases in rounded tables deviate
 # less, and phases of quantised phase shifters deviate more.
 _LINEAR = 0.02
-# Tolerance of symmetric frequencies, as a fraction of 1/wavelength.
+# Tolerance for the symmetry of frequencies, as a fraction of 1/wavelength.
 _SYMMETRIC = 1e-6
 _MOST_WAVES = 4096
 

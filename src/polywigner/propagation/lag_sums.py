@@ -83,7 +83,7 @@ def _lag_cells(source: Wavefront) -> Cells:
 
     No kink of the ambiguity function crosses a trapezoid if there are at most _MOST_KINKS kinks.
     """
-    # Kinks lie on the segments V - E of all vertices V and edges E.
+    # Kinks of the ambiguity function lie on the segments V - E for all vertices V and edges E.
     longest = _longest_lags(source)
     half = shapely.box(-longest[0], 0.0, longest[0], longest[1])
     rings = normal_form(source).rings
@@ -144,7 +144,7 @@ def summed_over_lags(
 # Computing times [ns] for each lag. _PAIR is the time for each field point and pair of source
 # points, and _CUT is the time for each vertex of the overlapping outlines.
 _PAIR, _CUT = 60.0, 2e4
-# Computing time of the two coarsest rules together, relative to the coarsest rule.
+# Computing time of the two coarsest rules together, divided by the time of the coarsest rule.
 _TWO_RULES = 2.5
 # Tilt [standard deviations] up to which plane waves must not graze the source plane.
 _GRAZING = 5.0

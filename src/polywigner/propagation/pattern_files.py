@@ -55,7 +55,7 @@ from polywigner.source.polarisation import checked_polarisation
 if TYPE_CHECKING:
     import xarray
 
-# Relative tolerance for matching a requested frequency.
+# Relative difference up to which a frequency in a file matches the requested frequency.
 _SAME_FREQUENCY = 1e-3
 # Largest difference [dB] between the stated and the integrated directivity. Missing directions and
 # coarse steps cause smaller differences.
@@ -108,8 +108,8 @@ def read_pattern(path: str | os.PathLike[str], frequency: float | None = None) -
         is NaN. Frequency and wavelength are NaN if the file does not contain a frequency.
 
         For .msi and .pln files, ``directivity`` is the gain over theta from -180 to 180 degrees at
-        phi = 0 (horizontal) and 90 degrees (vertical). There is no ``field``, and the radiated
-        power is NaN.
+        phi = 0 (horizontal) and 90 degrees (vertical). These datasets contain no ``field``, and
+        their radiated power is NaN.
 
     Raises
     ------
@@ -125,7 +125,7 @@ def read_pattern(path: str | os.PathLike[str], frequency: float | None = None) -
     -----
     PolywignerWarning
         If the directivity in the file differs by more than 0.1 dB from the directivity that follows
-        from the integral over its directions. The directivity in the file is then used. A
+        from the integral over its directions. In this case, the directivity in the file is used. A
         difference above 1 dB is an error, unless directions are missing. A warning is also issued
         if a gain exceeds the directivity, and if GAIN in an .msi file has no unit, so that dBd is
         assumed.
@@ -270,8 +270,8 @@ def _attributes(
 def _folded(theta: Floats, phi: Floats, fields: Complex) -> tuple[Floats, Floats, Complex]:
     """Convert directions in degrees to theta from 0 to 180 and phi from 0 to below 360.
 
-    The components (2, n) along theta and phi change sign if theta is folded. Each pole is then
-    repeated at phi + 180.
+    The components (2, n) along theta and phi change sign if theta is folded. Directions at the
+    poles are repeated at phi + 180.
     """
     # The unit vectors along theta and phi change sign between (-theta, phi) and (theta, phi + 180).
     theta = theta.round(6) % 360
@@ -371,7 +371,8 @@ def _msi_pattern(lines: list[str]) -> xarray.Dataset:
         raise FileFormatError(
             "expected the same angles in the horizontal and the vertical cut, got different angles"
         )
-    # File angles increase to the right and downwards, seen from behind the antenna with y up.
+    # The angles in a file increase to the right and downwards, as seen from behind the antenna with
+    # y up.
     theta = np.where(angles > 180, 360 - angles, -angles)
     levels = gain - np.stack([attenuation for _, attenuation in cuts], axis=1)
     back = np.flatnonzero(theta == -180)
@@ -601,7 +602,7 @@ def _msi_lines(pattern: _Pattern) -> Lines:
     yield f"GAIN {pattern.about['gain']:.3f} dBi"
     yield "TILT ELECTRICAL"
     yield "COMMENT far field of an aperture, y axis up"
-    # File angles increase to the right and downwards, seen from behind the antenna.
+    # X
     for name, phi in (("HORIZONTAL", 0.0), ("VERTICAL", 90.0)):
         theta, levels = _full_cut(pattern, phi)
         yield f"{name} 360"

@@ -76,10 +76,11 @@ def radiation_pattern(
     The far field E is the sum of ``sqrt(g) F/(i wavelength)`` over the plane waves of the source's
     field u, where g is the obliquity factor and F the transform of :func:`fourier`. The directivity
     is ``4 pi |E|^2/P``, where P is the integral of |E|^2 over the hemisphere (docs/patterns.md).
-    For |u|^2 in W/m^2, |E|^2 is in W/sr. There is no backward radiation.
+    For |u|^2 in W/m^2, |E|^2 is in W/sr. The backward radiation is zero.
 
     With a ``polarisation``, E is the electric field (VP2), which is split into a co- and a
-    cross-polar part by Ludwig's third definition (VP3). The directivity includes both parts.
+    cross-polar part by Ludwig's third definition (VP3). The directivity includes the co-polar and
+    the cross-polar part.
 
     Parameters
     ----------
@@ -180,7 +181,7 @@ def beam_cuts(
     xarray.Dataset
         The variables and attributes of :func:`radiation_pattern` over ``cut`` and ``angle``. The
         names in ``cut`` are "meridian" and "across", or "x" and "y". ``angle`` is the angle from
-        the beam in rad, with 64 steps per lobe. It is positive towards larger theta on the
+        the beam in rad, with 64 steps per lobe. The angle is positive towards larger theta on the
         meridian, and towards larger phi on the other circle. The coordinates ``theta`` and ``phi``
         are the directions in rad, and ``azimuth`` contains the azimuths of the tangents at the
         beam. Values behind the plane are NaN.

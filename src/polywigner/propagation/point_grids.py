@@ -56,7 +56,8 @@ def angle_axes(**angles: Floats) -> dict[str, xarray.Variable]:
 def unit_vectors(theta: Floats, phi: Floats) -> Floats:
     """Return unit vectors (n, m, 3) at angles theta (n,) and phi (m,) in rad."""
     sine, cosine = np.sin(theta)[:, None], np.cos(theta)[:, None]
-    # In floating point, cos(pi/2) is 6e-17, but the horizon belongs to both the front and the back.
+    # The horizon belongs to both the front and the back, so the cosine must be 0 there. In floating
+    # point, cos(pi/2) is 6e-17.
     cosine = np.where(np.abs(cosine) < 1e-15, 0.0, cosine)
     parts = np.broadcast_arrays(sine * np.cos(phi), sine * np.sin(phi), cosine)
     return np.stack(parts, axis=-1)

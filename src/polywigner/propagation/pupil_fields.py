@@ -214,10 +214,10 @@ def psf(
     """Return the point spread function of a lens whose pupil is the source.
 
     The point spread function is the irradiance in the focal plane due to a star on the axis,
-    divided by the power that the pupil receives from the star. Its integral over the plane is 1,
-    and its Fourier transform is :func:`otf`. For several wavelengths it is the weighted mean of the
-    point spread functions, which a broadband detector measures. For other first-order systems use
-    :func:`irradiance` with ``through``.
+    divided by the power that the pupil receives from the star. The integral of the point spread
+    function over the plane is 1, and its Fourier transform is :func:`otf`. For several wavelengths
+    it is the weighted mean of the point spread functions, which a broadband detector measures. For
+    other first-order systems use :func:`irradiance` with ``through``.
 
     Parameters
     ----------

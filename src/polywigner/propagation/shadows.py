@@ -76,7 +76,8 @@ _OF_GRID = 0.1
 _OF_NODES = 0.15
 # Direction of the small displacement off shadow boundaries before visibility is tested.
 ASIDE = np.array([0.57, 0.31, 0.76])
-# Negligible lengths, as fractions of the scene's extent and of the source distance.
+# Negligible lengths. _FINE is a fraction of the scene's extent, and _ROUNDED is a fraction of the
+# source distance.
 _FINE, _ROUNDED = 1e-9, 1e-14
 # Thickness of surfaces, as a multiple of the negligible length.
 _ON_SURFACE = 4.0
@@ -174,9 +175,9 @@ def _near_corners(
 ) -> tuple[NDArray[np.bool_], Floats]:
     """Return a mask (n,) of points in line with a source and a corner, and steps off the line.
 
-    There is one step (3,) in wavelengths for each masked point. ``views`` contains the positions
-    (3,) of sources and the edges (m, 2, 3) visible from them. On the line, the derivatives (SB5) of
-    both edge waves diverge, and their sum loses digits.
+    The second result contains one step (3,) in wavelengths for each masked point. ``views``
+    contains the positions (3,) of sources and the edges (m, 2, 3) visible from them. On the line,
+    the derivatives (SB5) of both edge waves diverge, and their sum loses digits.
     """
     near = np.zeros(len(positions), bool)
     for origin, edges in views:
@@ -408,7 +409,8 @@ _STEEP = 2.0 * math.pi * math.sqrt(2.0)
 # Detour [wavelengths] that attenuates doubly diffracted waves to 1/e. These waves only keep the
 # field continuous across the second shadow boundary.
 _SECOND = 16.0
-# Largest number of triangles of a nonconvex blocker. Finer meshes are reduced to one face.
+# Largest number of triangles of a nonconvex surface behind an edge. Finer meshes are reduced to one
+# face.
 _MOST_TRIANGLES = 256
 
 
@@ -559,9 +561,9 @@ def _blocker(
 ) -> Blocker:
     """Return the surface of bodies behind a plane, seen from the midpoint of an edge.
 
-    ``numbers`` and ``flush`` are indices of bodies. The bodies in ``flush`` adjoin each other and
-    continue the plane, and slits between these bodies are closed. ``plane`` (4,) contains the unit
-    normal and the offset.
+    ``numbers`` and ``flush`` are indices of bodies. The adjoining bodies in ``flush`` continue the
+    plane, and slits between them are closed. ``plane`` (4,) contains the unit normal and the
+    offset.
     """
     if len(flush):
         nearer = plane - [0.0, 0.0, 0.0, bodies.contact]

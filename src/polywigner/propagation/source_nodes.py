@@ -1,8 +1,8 @@
 """Interpolation nodes that replace the equivalent points of a source behind obstacles (SB7).
 
-The ratio of the diffracted field to the free field is a smooth function of the source point. It is
-evaluated at a few nodes and interpolated by Lagrange polynomials. The result is exact in free
-space. Lengths are in wavelengths.
+The ratio of the diffracted field to the free field is a smooth function of the source point. This
+ratio is evaluated at a few nodes and interpolated by Lagrange polynomials. The result is exact in
+free space. Lengths are in wavelengths.
 """
 
 from __future__ import annotations

@@ -185,7 +185,8 @@ def _lazy_array(
             f"expected chunks that dask accepts: a number, a tuple of {len(shape)} numbers, or "
             f"'auto', got {chunks!r}: {error}"
         ) from None
-    # As a node of the graph, the function is sent to each worker once, with its caches.
+    # dask sends a node of the graph to each worker only once, together with the caches of the
+    # function.
     node = required("dask").delayed(block, traverse=False)
     options = {"chunks": sizes, "dtype": dtype, "meta": np.empty((0,) * len(shape), dtype)}
     array: dask.array.Array = arrays.map_blocks(_compute_chunk, node, compiled, threads, **options)
@@ -270,7 +271,8 @@ def _settings_of(dataset: xarray.Dataset) -> dict[str, str]:
 
 def _create_store(folder: Path, dataset: xarray.Dataset) -> None:
     """Create a zarr store with coordinates and attributes, but without values."""
-    # Compression would halve the speed, and rounding errors do not compress.
+    # The values are not compressed, because compression would halve the speed, and rounding errors
+    # do not compress.
     encoding: dict[Any, Any] = {
         name: {"compressors": (), "fill_value": array.dtype.type(np.nan)}  # NaN for missing chunks
         for name, array in dataset.data_vars.items()
@@ -348,7 +350,8 @@ def write_netcdf(dataset: Stored, path: str | os.PathLike[str]) -> None:
     Parameters
     ----------
     dataset : xarray.Dataset, xarray.DataArray or path
-        Dataset in memory or lazy, or the path of a zarr store. It may be larger than memory.
+        Dataset in memory or lazy, or the path of a zarr store. The dataset may be larger than
+        memory.
     path : path
         Path of the file. An existing file is replaced. The file is written completely or not at
         all.

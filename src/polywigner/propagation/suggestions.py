@@ -34,8 +34,8 @@ SampledQuantity = Literal[
 _PHASE_SPACE = ("fourier", "intensity", "wigner", "ambiguity")
 _FIELDS = ("amplitude", "irradiance")
 
-# Largest step of positions, as a fraction of the narrowest width of the source. The features of W
-# along x are as narrow.
+# Largest step of positions, as a fraction of the narrowest width of the source. Features of W along
+# x are equally narrow.
 _OF_WIDTH = 0.5
 # Largest number of samples per axis. Larger numbers indicate wrong units.
 _MOST_SAMPLES = 1 << 53
@@ -76,8 +76,8 @@ class AxisSampling:
     band_limited: bool
     """Whether the sampling theorem holds exactly.
 
-    Otherwise the quantity has weak detail beyond its band. The detail is due to kinks at edges, and
-    to waves from points of the source without stationary phase.
+    If the value is False, the quantity has weak detail beyond its band. The detail is due to kinks
+    at edges, and to waves from points of the source without stationary phase.
     """
 
     @property
@@ -301,14 +301,15 @@ def _field_bands(
     if kind == "box":
         axes = [np.unique(axis.values) for axis in box_grid(region, 3 * (_POINTS,)).coords.values()]
         ends = [(n, "m", float(a[0]), float(a[-1])) for n, a in zip("xyz", axes, strict=True)]
-        # Rays from the source spread most at points directly in front of the source.
+        # The points include positions in front of the source, because rays from the source spread
+        # most there.
         for k in (0, 1):
             centre = (bounds[k] + bounds[k + 2]) / 2
             axes[k] = np.unique(np.append(axes[k], np.clip(centre, axes[k][0], axes[k][-1])))
         points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
         tangents = list(np.eye(3))
     elif kind == "line":
-        # Ray directions change fast where a line passes close to the source.
+        # A line requires many points, because ray directions change fast close to the source.
         grid = line_grid(region, _POINTS**2)
         points, length = grid.points((0,), grid.shape), float(grid.coords["distance"].values[-1])
         tangents = [(points[-1] - points[0]) / length]

@@ -1,9 +1,9 @@
 """Electric fields of polarised sources, from equivalent currents (VP1).
 
 A source with the scalar field u and the polarisation p is replaced by magnetic currents (an opening
-in a metal screen), by electric currents, or by half of each (Huygens). Their electric fields are
-``(q d/dz - z q.grad) Phi/(ik)`` and ``q Phi + grad (q.grad Phi)/k^2``, with the unit normal z, ``q
-= (p_x, p_y, 0)``, and the potential ``Phi = int u exp(ikR)/(i wavelength R) dx``.
+in a metal screen), by electric currents, or by half of each (Huygens). The electric fields of these
+currents are ``(q d/dz - z q.grad) Phi/(ik)`` and ``q Phi + grad (q.grad Phi)/k^2``, with the unit
+normal z, ``q = (p_x, p_y, 0)``, and the potential ``Phi = int u exp(ikR)/(i wavelength R) dx``.
 
 Phi is the second Rayleigh-Sommerfeld integral of the plane waves of u over their direction cosines
 p_z, and dPhi/dz/(ik) is the first. Derivatives along the plane become factors of the plane waves,
@@ -68,9 +68,9 @@ from polywigner.transforms.xarray_arguments import takes_xarray
 _OPS = execution.NumpyOperations()
 
 SECOND = DERIVATIVE_OF[DEFAULT]
-# Grazing waves cannot be divided by p_z. The field is analytic in the frequency, so the mean over
-# four neighbouring frequencies replaces each grazing wave. The phases of neighbours differ by this
-# angle [rad] across half of the source. The relative error is 1e-11.
+# Phase difference [rad] between neighbouring frequencies across half of the source. Grazing waves
+# cannot be divided by p_z. The field is analytic in the frequency, so the mean over four
+# neighbouring frequencies replaces each grazing wave, with a relative error of 1e-11.
 _ASIDE = 3e-3
 _MEANS = ((-2.0, -1 / 6), (-1.0, 4 / 6), (1.0, 4 / 6), (2.0, -1 / 6))
 # Rounding error of each part of a field.
@@ -194,7 +194,7 @@ def _dipole_terms(
 ) -> Complex:  # fmt: skip
     """Return the weighted fields (k, nodes, 3) of equivalent currents on k cells.
 
-    Each cell has one point in m, ``points`` (k, 3).
+    ``points`` (k, 3) contains one point in m for each cell.
     """
     nodes, weights, _ = field_at_nodes(wave, part, cells, wavelength)
     ahead = np.empty((*nodes.shape[:2], 3))
@@ -326,8 +326,8 @@ def _not_grazing(radiator: Radiator, wavelength: float) -> Radiator:
 _PAIRS, _PANELS = 1 << 17, 1 << 14
 # Cost of a pair (point, panel), relative to the cost of an edge in a Fourier transform.
 _TERMS = 16
-# Allowed error of edge integrals, as a fraction of the tolerance. It is small because these
-# integrals may cancel.
+# Allowed error of edge integrals, as a fraction of the tolerance. The fraction is small because
+# these integrals may cancel.
 _FRACTION = 1e-2
 
 

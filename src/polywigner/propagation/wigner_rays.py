@@ -142,7 +142,7 @@ def irradiance_by_rays(
 def _along_rays(base: Kernel) -> Kernel:
     """Return a kernel of the irradiance along a ray (R1), from a kernel of the Wigner function.
 
-    The arguments are the position x, y on the source, the point X, Y, Z, the wavelength, three
+    The arguments are the position (x, y) on the source, the point (X, Y, Z), the wavelength, three
     obliquity coefficients (D2), and, for curved waves, Q_xx, Q_xy, Q_yy and the centre.
     """
 
@@ -247,7 +247,7 @@ def _phase_rates(source: PlaneSource | Wavefront, wavelength: float, points: Flo
 # Largest number of kinks, whose computation takes some seconds, and largest number of their
 # intersections.
 _MOST_KINKS, _MOST_INTERSECTIONS = 1 << 16, 1 << 20
-# Number of kinks from which the number of intersections is estimated.
+# Size of the sample of kinks from which the number of intersections is estimated.
 _SAMPLE = 256
 
 

@@ -36,11 +36,11 @@ Point = tuple[Any, ...]
 # Phase difference [cycles] below which the difference of two waves is computed as a product, to
 # avoid cancellation.
 _CLOSE = 0.5
-# A travelling wave grazes a point if the point is less than _LOW wavelengths above the plane and
-# the sine of its angle to the mirrored ray is less than _GRAZING.
+# Height of a point above the plane [wavelengths], and sine of its angle to the mirrored ray, below
+# which a travelling wave grazes the point.
 _LOW, _GRAZING = 1.0, 0.3
-# An evanescent wave grazes a point if it has decayed there by a factor of less than exp(2 pi _LOST)
-# = exp(pi).
+# Decay exponent of an evanescent wave, divided by 2 pi, below which the wave grazes a point. The
+# wave has then decayed by a factor of less than exp(pi).
 _LOST = 0.5
 # Distance [half-lengths of the panel] that represents "no singularity". A singularity at this
 # distance lies outside the Bernstein ellipses of all quadrature rules.
@@ -379,7 +379,8 @@ class _EdgePaths:
         the edge minus the shortest detour.
         """
         low, high = (_clamped(ops, v, limit) for v in (self.low, self.high))
-        # Near the shadow boundary, the square root of the detour would lose digits by cancellation.
+        # Near the shadow boundary, ``turn`` replaces the square root of the detour, which would
+        # lose digits by cancellation.
         closing = ops.maximum(self.closing, 1.0)
         steep = ops.sqrt(2.0 / (self.distance_product * self.total * closing))
         root = ops.select(self.closing > 1.0, abs(self.turn) * steep, ops.sqrt(self.detour))

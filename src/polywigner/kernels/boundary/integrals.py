@@ -250,8 +250,8 @@ def sums_over_panel(
     Parameters
     ----------
     bounds : tuple
-        Both bounds from ``shared_data`` of the wave, and minus the natural logarithm of the allowed
-        error.
+        The two bounds that ``shared_data`` of the wave returns, and minus the natural logarithm of
+        the allowed error.
     node : callable
         Function (t, s, radius, step / radius, weights, *data) that returns the values at a node.
     values : int

@@ -231,14 +231,14 @@ class _Line:
             # ray.
             tilt = self.view.pz + self.view.z / ops.maximum(low.radius, high.radius)
             nearest = nearest * ops.minimum(tilt, 1.0)
-        # If the phase is quadratic in the position and changes by q radians, the logarithm of the
-        # integrand grows by q sinh(u) cosh(u) within the ellipse of parameter u. nodes_needed
-        # assumes a growth of 2 q sinh(u), which is exceeded by less than 1 for ellipses up to
-        # ``largest``.
+        # ``largest`` limits the ellipses of the quadrature rule. If the phase is quadratic in the
+        # position and changes by q radians, the logarithm of the integrand grows by q sinh(u)
+        # cosh(u) within the ellipse of parameter u. The rule assumes a growth of 2 q sinh(u). The
+        # excess is below 1 for ellipses up to ``largest``.
         bend = (0.5 * math.pi) * half * abs(rates[1] - rates[0])
         largest = 0.7 + ops.sqrt(1.0 + 1.0 / ops.maximum(bend, 1e-6))
         swing = half * ops.maximum(abs(rates[0]), abs(rates[1]))
-        # ``extra`` is the upper bound 1 on this excess plus log(pi N), because the integrand may be
+        # ``extra`` is the sum of the largest excess, 1, and log(pi N), because the integrand may be
         # larger by the factor pi N at complex positions at which E = e.
         path = self.ahead + ops.maximum(low.beyond, high.beyond)
         extra = 1.0 + ops.log(ops.maximum(math.pi * path, 1.0))

@@ -58,7 +58,7 @@ class _Exact:
     def cross(ax: Array, ay: Array, bx: Array, by: Array) -> Array:
         """Return the cross product of two vectors with an exact sign."""
         rough = np.asarray(ax * by - ay * bx)
-        # ROUNDED bounds the error only for vectors shorter than 8.
+        # ROUNDED is an upper bound on the error only for vectors shorter than 8.
         near = np.abs(rough) < ROUNDED
         if near.any():
             rough[near] = accurate_cross(*(v[near] for v in (ax, ay, bx, by)))
@@ -156,7 +156,7 @@ def pair_grid(
     numbers = np.array([[*low, *-low, 1.0 / size, cells.nx, cells.count, first.step]], np.float64)
     no_edge = (*_NO_EDGE[:2], *np.add(_NO_EDGE[:2], _NO_EDGE[2:]), 0.0, 1.0, 0.0, 0.0)
     others = np.vstack([others, no_edge])
-    # Differences of vertices on the grid are exact.
+    # The subtractions are exact, because the vertices lie on a grid.
     for ends_of in (edges, others):
         ends_of[:, 2:4] -= ends_of[:, :2]
     names = np.vstack([first.names, np.zeros((len(leads), 4), np.uint32)])

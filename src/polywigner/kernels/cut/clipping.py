@@ -156,7 +156,8 @@ def _line_of(side: Sequence[float], lines: dict[Line, int]) -> tuple[int, int]:
 class View:
     """Map from a point p of an edge to p' = ``offset`` T + ``point`` p for the offset T.
 
-    Both factors are 1 or -1. The point p lies inside the other copy if p' lies inside the outline.
+    The factors ``offset`` and ``point`` are 1 or -1. The point p lies inside the other copy if p'
+    lies inside the outline.
     """
 
     offset: int

@@ -24,7 +24,7 @@ from polywigner.numerics.grid_arithmetic import accurate_cross
 # crossing with the line from outside to the first vertex of a ring. CLIPPED: an edge that crosses
 # sides of a convex ring. START is bit 0, WHOLE bit 1.
 CROSSING, START, WHOLE, INSIDE, LEAD, CLIPPED = range(6)
-# Bound on the rounding error of a cross product of vectors in the frame.
+# Upper bound on the rounding error of a cross product of vectors in the frame.
 ROUNDED = 1e-13
 # Normal number below the magnitude of all nonzero cross products on the grid, which is at least
 # 2^-106 in double precision and 2^-48 in single precision.
@@ -266,7 +266,7 @@ def cut_edges(
     levels[0], levels[2] = (e.conj() * p).imag, (f.conj() * p).imag
     np.subtract(levels[0], edges_cross, out=levels[1])
     np.add(levels[2], edges_cross, out=levels[3])
-    # ROUNDED bounds the error only for vectors shorter than 8.
+    # ROUNDED is an upper bound on the error only for vectors shorter than 8.
     near: Array = abs(levels) < ROUNDED
     if near.any():
         _make_exact(levels, np.flatnonzero(near.any(axis=0)), e, f, p)
@@ -326,9 +326,10 @@ def crossing(
     the other outline to T - p. ``side`` is 1 or -1, the sign of the displacement that decides ties.
 
     The results are (crosses, enters, start, end). ``enters`` is true if the edge crosses to the
-    left side of the other edge. ``start`` and ``end`` are cross products with exact signs. They are
-    positive if the start and the end of the edge lie to the left of the other edge. The crossing
-    lies at the fraction ``start / (start - end)`` of the edge.
+    left side of the other edge. ``start`` and ``end`` are cross products with exact signs.
+    ``start`` is positive if the start of the edge lies to the left of the other edge, and ``end``
+    is positive if its end does. The crossing lies at the fraction ``start / (start - end)`` of the
+    edge.
     """
     (ax, ay, ex, ey), (cx, cy, fx, fy) = edge[:4], other[:4]
     px, py = (tx - cx) - ax, (ty - cy) - ay

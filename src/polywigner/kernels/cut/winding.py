@@ -207,8 +207,8 @@ class PairClipper(Clipper):
     ) -> tuple[Any, Any]:
         """Return the part of an edge to the left of all sides from row ``rows[0]`` to ``rows[1]``.
 
-        The part runs from ``low`` to ``high``, which are fractions of the edge. It is empty if
-        ``high`` is less than ``low``.
+        The part runs from ``low`` to ``high``, which are fractions of the edge. The part is empty
+        if ``high`` is less than ``low``.
         """
         ops = self.ops
         ax, ay, ex, ey = edge[:4]

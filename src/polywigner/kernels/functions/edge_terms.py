@@ -1,8 +1,8 @@
 """Contributions of clipped edges to the Wigner function W and the ambiguity function A.
 
-A part of an edge has the vector d and the midpoint m. Its term depends on nu.d, nu.m and cross(nu,
-d). `EvenTerms` implements (W1) of docs/theory.md for real weights, and `WaveTerms` implements (W2)
-and (A1) for all weights. All forms avoid cancellation as nu goes to 0.
+A part of an edge has the vector d and the midpoint m. The term of the part depends on nu.d, nu.m
+and cross(nu, d). `EvenTerms` implements (W1) of docs/theory.md for real weights, and `WaveTerms`
+implements (W2) and (A1) for all weights. All forms avoid cancellation as nu goes to 0.
 """
 
 from __future__ import annotations
@@ -193,7 +193,7 @@ class WaveTerms(EdgeTerms):
 
 
 class AreaTerms(EdgeTerms):
-    """Terms of the area of a slice, which is the integral of cross(x, dx)/2 along its boundary."""
+    """Contributions of edges to the area of a slice, the integral of cross(x, dx)/2 along them."""
 
     values, by_part = 1, True
 

@@ -298,8 +298,8 @@ class _FamilyTerm:
     """Contribution of a family of edges to the Fourier transform on a grid of frequencies, (F4).
 
     The contribution is pi (nu x e) sinc(nu.e), where e is the vector of the edges, times the sum of
-    the waves at all midpoints. This sum is a matrix product. ``x`` and ``y`` contain the
-    frequencies along each axis in the frame, and the phase of the centre in cycles.
+    the waves at all midpoints. The sum of the waves is a matrix product. ``x`` and ``y`` contain
+    the frequencies along each axis in the frame, and the phase of the centre in cycles.
     """
 
     def __init__(self, ops: Any, family: Family, x: Values, y: Values) -> None:

@@ -282,7 +282,7 @@ def _enter_wigner(ops: Any, frame: Frame, x: Any, nu: Any) -> Values:
 
     Each number is the sum of two floats.
     """
-    # If x changes by dx, the two copies of a slit approach each other by 4 dx.
+    # If x changes by dx, the distance between the two copies of a slit changes by 4 dx.
     scale = 4.0 / frame.measure
     total, low = phases.difference(x, frame.centre[0])
     shift = phases.split(ops, (total * scale, low * scale))

@@ -25,10 +25,9 @@ from polywigner.kernels.wave_pairs import Wave, Waves, carrier_of, waves_in_fram
 from polywigner.numerics import Floats, Indices, Number, cluster_indices, phases
 from polywigner.source.lattices import column_and_row
 
-# Largest deviation of the corners of an outline from a rectangle at which the outline is treated as
-# a rectangle. The limit is _ROUNDING times the shorter side or _ROUNDINGS rounding errors of the
-# largest coordinate, whichever is larger, but the latter is at most _SHAPELESS times the shorter
-# side.
+# An outline is treated as a rectangle if its corners deviate by at most _ROUNDING times the shorter
+# side, or by at most _ROUNDINGS rounding errors of the largest coordinate. The second limit cannot
+# exceed _SHAPELESS times the shorter side.
 _ROUNDING, _ROUNDINGS, _SHAPELESS = 1e-14, 8, 1e-6
 
 _UNIT = np.finfo(np.float64).eps / 2
@@ -117,8 +116,8 @@ def separable_tables(aperture: Aperture, double: bool) -> SeparableTables | None
     frame = frame_along(corners, low + (high - low) / 2, direction, sizes)
     frame = replace(frame, carrier=carrier_of([illumination], 2))
     # Frequencies have a rounding error of some ulps. For a rotated rectangle, the error of the
-    # rotation angle is added: the rounding error of the corners divided by the length of the
-    # rectangle.
+    # rotation angle is added, which is the rounding error of the corners divided by the length of
+    # the rectangle.
     largest = float(np.hypot(*illumination.frequencies.T).max())
     phase_rounding = 2 * np.pi * _ROUNDINGS * _UNIT * largest * float(np.abs(corners).max())
     relative = _ROUNDINGS * _UNIT + (rounding / length if is_rotated else 0.0)

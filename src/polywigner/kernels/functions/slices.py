@@ -270,8 +270,8 @@ class SliceSum:
         The results are indices (n + 1,), a table (parts, 4 or 8), and whether all weights are real.
         The parts of position k are the rows from index k to index k + 1. A row contains the centre
         and the vector of a part if all weights are 1 or -1 and no frequency is shifted; a part with
-        a weight of -1 is then reversed. Otherwise, a row also contains the complex weight and the
-        frequency shift.
+        a weight of -1 is then reversed. In all other cases, a row also contains the complex weight
+        and the frequency shift.
         """
         owners, rows, count = [np.empty(0, np.intp)], [np.empty((0, _ROW))], len(position[0])
         for pairs, _, owner, (*geometry, real, imag) in self.parts(tables, position):
