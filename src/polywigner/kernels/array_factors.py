@@ -277,7 +277,8 @@ _LEAST_SITES = 16
 @dataclass(frozen=True)
 class _Tables:
     frame: LinearFrame
-    """Frame whose rows are the basis vectors of the lattice; it has no rows for other arrays."""
+    """Frame whose rows are the basis vectors of the lattice. The frame of other arrays has no
+    rows."""
     rows: tuple[Row, ...] = ()
     """For each element, the position relative to the centre (two floats per coordinate) and the
     weight. Empty for a lattice."""

@@ -83,7 +83,8 @@ class RepeatedTables(Generic[Element, Sites]):
     element: Element
     sites: Sites
     terms: int = 1
-    """Number of copies that are summed at each sample. The choice of the engine depends on it."""
+    """Number of copies that are summed at each sample. The choice of the engine depends on this
+    number."""
 
 
 @dataclass(frozen=True, eq=False)

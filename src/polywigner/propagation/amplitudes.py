@@ -304,8 +304,8 @@ def _check_aberrated(
     ):
         raise ArgumentError(
             'an aberration requires an Aperture, Array or Wavefront and method="fresnel" or '
-            f'"fraunhofer", without through=, obstacles= and obliquity=; got method={method!r}. '
-            "Omit the other options, or use polywigner.psf for a lens"
+            f'"fraunhofer", got method={method!r}; also omit through=, obstacles= and obliquity=, '
+            "or use polywigner.psf for a lens"
         )
 
 

@@ -236,7 +236,7 @@ class FarField:
 
     @cached_property
     def beam(self) -> tuple[float, float, float]:
-        """Largest |E|^2 in front of the plane in W/sr, and theta and phi of its direction.
+        """Largest |E|^2 [W/sr] in front of the plane, and theta and phi [rad] of its direction.
 
         Among equal maxima, the direction with the smallest theta, then the smallest phi, is used.
         """

@@ -197,8 +197,8 @@ def irradiance_with_error(
     error : ndarray of float64, shape (...)
         Estimated error of each value, in the unit of the irradiance. For rays it is the difference
         between the last two quadrature rules. The error is infinite for points so close to the
-        source that no rule resolves their rays. Behind obstacles the estimate doubles the computing
-        time.
+        source that no rule resolves their rays. Behind obstacles, the estimate doubles the
+        computing time.
 
     Raises
     ------

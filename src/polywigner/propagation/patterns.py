@@ -108,8 +108,8 @@ def radiation_pattern(
         :func:`phased_array`: a result of :func:`read_pattern`, or of this function with a
         polarisation. Each position of the array is the origin of the far field of one element. The
         radiated power includes backward radiation of the elements, and the aperture power is NaN.
-        ``polarisation`` then only defines the co-polar part, by default as the polarisation of the
-        beam.
+        With an element pattern, ``polarisation`` only defines the co-polar part. By default it is
+        the polarisation of the beam.
     precision, engine : str, optional
         See :func:`fourier`.
 

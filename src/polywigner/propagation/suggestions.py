@@ -158,7 +158,7 @@ def suggest_sampling(
         Source in one plane. Slits allow only the first four quantities of the table. A Wavefront
         allows only the last three, which depend only on the bounding box.
     wavelength : float, optional
-        Wavelength in m. The first four quantities require either this or ``reach``.
+        Wavelength in m. The first four quantities require either the wavelength or ``reach``.
     quantity : str, default "intensity"
         Quantity to sample. "amplitude" and "irradiance" require ``box``, ``line`` or ``radius``.
     reach : float, default 1/wavelength

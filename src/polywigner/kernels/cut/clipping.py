@@ -58,7 +58,7 @@ class Edge:
     """Real part of the element's weight."""
     imag: Any = 0.0
     group: Any = 0
-    """Index in ``Tables.groups``."""
+    """Index of the group of the edge in ``Tables.groups``."""
     begin: Any = 0
     """Index of the start vertex among the vertices of all elements."""
     end: Any = 0

@@ -106,11 +106,11 @@ class PairGrid:
     """Lower and upper corner of the cells, cells per unit length, cells in a row, number of cells,
     and spacing of the grid. Shape (1, 8)."""
     cells: Any
-    """For each cell: first row, first row that is not INSIDE, end of the rows, and 0. The last cell
+    """First row of each cell, first row that is not INSIDE, end of the rows, and 0. The last cell
     is empty and covers all offsets outside the grid. Shape (number of cells + 1, 4)."""
     rows: Any
-    """For each row: edge of the first outline, edge of the second outline, kind, and index of the
-    level. Shape (k, 4)."""
+    """Edge of the first outline, edge of the second outline, kind, and index of the level, for each
+    row. Shape (k, 4)."""
     first: Any
     """For each edge of the first outline: start, vector, 0, complex weight, and 0. The last rows
     are the lines to the rings, with a weight of 1. Shape (n, 8)."""
@@ -192,7 +192,7 @@ class HostGrid:
     """First three columns of ``PairGrid.cells``, with a border of empty cells. Shape (n, 3)."""
     rows: Array
     first: Array
-    """For each edge: start, vector, tie limit + i length, and weight. Shape (n, 4)."""
+    """Start, vector, tie limit + i length, and weight of each edge. Shape (n, 4)."""
     second: Array
     levels: Array
     is_uniform: bool

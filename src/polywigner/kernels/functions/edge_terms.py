@@ -59,7 +59,7 @@ def scaled(factor: Any, value: Any) -> Number:
 
 
 class EdgeTerms:
-    """Terms of all parts of edges at one nonzero frequency.
+    """Contributions of all parts of edges at one nonzero frequency.
 
     A part has the vector d = extent length u, and its term depends only on d. The unit vector u of
     constant edges is shared by parallel edges. For edges in memory, u is the edge vector or d, and
