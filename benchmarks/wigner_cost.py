@@ -75,7 +75,7 @@ def parts(source: pw.Aperture, x: np.ndarray) -> float:
     """Return the mean number of parts of edges in a lag slice."""
     tables, ops = tables_of(source, True), NumpyOperations()
     place = tables.frame.position(ops, *x.T)
-    return sum(len(owner) for _, _, owner, _ in WIGNER_SUM.parts(tables, place)) / len(x)
+    return sum(len(owner) for *_, owner, _ in WIGNER_SUM.parts(tables, place, len(x))) / len(x)
 
 
 def measure(source: pw.Aperture, precision: str, samples: int, ambiguity: bool) -> list[float]:

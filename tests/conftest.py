@@ -1,6 +1,7 @@
-"""Fixtures and markers of all tests. LLVM is prepared before Dr.Jit is imported.
+"""Fixtures and markers of all tests.
 
-Tests that a machine cannot run are skipped, counted, and listed at the end of the run.
+LLVM is prepared before Dr.Jit is imported. Tests that a machine cannot run are skipped, counted,
+and listed at the end of the run.
 """
 
 from __future__ import annotations
@@ -20,14 +21,15 @@ from hypothesis import settings
 
 from polywigner import llvm as _llvm
 
-# Workers occupy all cores. Further threads of OpenBLAS and Dr.Jit wait actively and slow them down.
-# The variable must be set before NumPy is imported.
+# Test workers occupy all cores. Further threads of OpenBLAS and Dr.Jit would wait actively and slow
+# the workers down. The variable must be set before NumPy is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-# Before test modules are imported, because Dr.Jit loads its LLVM library once.
+# LLVM is prepared before test modules are imported, because Dr.Jit loads its LLVM library only
+# once.
 STATUS = _llvm.prepare()
 
-# A shared machine can delay any example by seconds.
+# There is no deadline, because a shared machine can delay any example by seconds.
 settings.register_profile("without deadline", deadline=None)
 settings.load_profile("without deadline")
 
@@ -54,7 +56,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Sort the longest files first, then by the number of tests, so that workers end together."""
+    """Sort the longest files first, then files by their number of tests."""
     if not hasattr(config, "workerinput"):
         return  # one process, which keeps the given order
     count = Counter(item.path for item in items)
@@ -109,7 +111,8 @@ def plain() -> None:
 def few_rays(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Trace 64 rays along each path unless the test also uses ``many_rays``.
 
-    Scalar variants trace single rays. A few rays suffice if no obstacle blocks part of a path.
+    Scalar variants trace single rays. A few rays are sufficient if no obstacle blocks part of a
+    path.
     """
     import polywigner.mitsuba  # noqa: F401 (chooses the LLVM library)
 
@@ -126,7 +129,7 @@ def many_rays() -> None:
 def few_batches(monkeypatch: pytest.MonkeyPatch) -> None:
     """Sample scattered light in 2 batches instead of 16, for tests without standard errors.
 
-    Each batch is traced again by Python.
+    Scalar variants trace each batch again in Python.
     """
     import polywigner.mitsuba  # noqa: F401 (chooses the LLVM library)
 
@@ -149,7 +152,7 @@ def unrendered_figures(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def bad_llvm(request: pytest.FixtureRequest) -> str:
-    """Return the path of an LLVM library that crashes the process (15 or 16)."""
+    """Return the path of LLVM 15 or 16, which crashes the process."""
     for path in _llvm.libraries():
         if (_llvm.version_of_name(path) or (0,))[0] in (15, 16):
             return path
@@ -199,7 +202,7 @@ def _has_gpu() -> bool:
 
 @pytest.fixture(scope="module", autouse=True)
 def _scenes_are_freed() -> Iterator[None]:
-    """Free the scenes of a module, because Mitsuba traces living emitters into every kernel."""
+    """Free the scenes of a test module, because every kernel contains all emitters in memory."""
     yield
     if "mitsuba" in sys.modules:
         gc.collect()

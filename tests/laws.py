@@ -171,7 +171,7 @@ def corners_of(outline: Any) -> Values:
 
 
 def scale_of(name: str, function: str) -> float:
-    """Return a bound on F, or on W and A if elements occur in pairs, as the unit of errors."""
+    """Return the unit of errors: a bound on F, or on W and A for pairs of elements."""
     parts = [
         (
             sum(abs(c) for c, _ in waves),
@@ -200,7 +200,7 @@ class Points:
 def hard_points(name: str) -> Points:
     """Return points at coincident corners of the copies, some an ulp off, and random points.
 
-    Frequencies are zero, tiny, some cycles over an element, and those of its waves.
+    The frequencies are zero, tiny, a few cycles over an element, and the frequencies of its waves.
     """
     rng = np.random.default_rng(crc32(name.encode()))
     elements = elements_of(name)
@@ -275,7 +275,7 @@ def _slice(first: Any, second: Any, place: Values, mirrored: bool) -> Callable[[
 
 
 def _turn(frequency: Values, place: Values) -> complex:
-    """Return exp(2 pi i frequency.place), reduced in rational arithmetic."""
+    """Return exp(2 pi i frequency.place), with the phase reduced in rational arithmetic."""
     pairs = zip(np.ravel(frequency).tolist(), np.ravel(place).tolist(), strict=True)
     turns = sum((Fraction(f) * Fraction(p) for f, p in pairs), Fraction(0))
     return complex(mpmath.expjpi(2 * float(turns - round(turns))))

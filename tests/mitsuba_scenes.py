@@ -29,8 +29,8 @@ CUDA = pytest.param("cuda_ad_mono", marks=pytest.mark.cuda)
 # |W| is at most 4 areas; float32 kernels have errors of 5e-6 areas, and float32 frequencies change
 # phases of tens of cycles by 1e-7.
 RADIANCE_ERROR = 2e-5
-# Scenes of single emitters, freed after each test (conftest.py): Dr.Jit traces all living emitters
-# into every kernel, and an emitter that holds its own scene is never freed.
+# Scenes of single emitters, which conftest.py frees after each test. Every kernel of Dr.Jit
+# contains all emitters in memory, and an emitter that refers to its own scene would never be freed.
 KEPT: list[Any] = []
 
 VARIANTS = ["scalar_rgb", MONO, SPECTRAL, CUDA]
@@ -136,7 +136,7 @@ def scene_of(**parts: Any) -> Any:
 def coupled(
     one: Any, pose: Any, other: Any, other_pose: Any, wavelength: float = WAVELENGTH, **how: Any
 ) -> complex:
-    """Return b of two placed sources."""
+    """Return the coupling b of two placed sources."""
     return complex(pw.coupling(one, other, np.linalg.inv(pose) @ other_pose, wavelength, **how))
 
 
@@ -152,7 +152,7 @@ def nodes(half: float, pose: Any, count: int = 10) -> tuple[np.ndarray, np.ndarr
 def lit(
     source: Any, points: np.ndarray, normal: np.ndarray, wavelength: float = WAVELENGTH
 ) -> np.ndarray:
-    """Return W/m^2 on a surface from a source of 1 W at the origin, or a receiver's weight."""
+    """Return the irradiance in W/m^2 of a source of 1 W at the origin, or a receiver's weight."""
     away = points / np.linalg.norm(points, axis=1)[:, None]
     density = pw.irradiance(source, points, wavelength, method="rayleigh-sommerfeld-1")
     return density / pw.radiated_power(source, wavelength) * (-away @ normal)
@@ -196,7 +196,7 @@ def light(
 
 
 def emitter_of(entry: dict[str, Any]) -> Any:
-    """Load an entry alone and return its emitter; the scene lives as long as the test."""
+    """Load a scene entry alone, and return its emitter. The scene exists as long as the test."""
 
     scene = scene_of(aperture=entry)
     KEPT.append(scene)

@@ -45,7 +45,7 @@ def rotated(points: np.ndarray, angle: float) -> np.ndarray:
 
 
 def difference(a: Aperture, b: Aperture) -> float:
-    """Return the area of the symmetric difference relative to b."""
+    """Return the area of the symmetric difference of a and b, relative to the area of b."""
     return float(shapely.symmetric_difference(a.polygons, b.polygons).area) / b.area
 
 
@@ -82,7 +82,7 @@ def tours(draw: st.DrawFn) -> np.ndarray:
     kind = draw(st.sampled_from([lattice, anywhere]))
     points = draw(st.lists(kind, min_size=4, max_size=16, unique=True))
     ring = _untangled(np.array(points, dtype=float))
-    # Tours through collinear points can touch themselves.
+    # A tour through collinear points can touch itself.
     polygon = shapely.Polygon(ring)
     valid = polygon.is_valid and polygon.area > 1e-3
     return ring if valid else CHEVRON

@@ -45,7 +45,7 @@ TILES = {
 
 
 def tile(source: Any, kind: str, name: str, first: Any, second: Any) -> np.ndarray:
-    """Return the values of a tile; coordinate names may contain underscores."""
+    """Return the values of a tile, whose coordinate names may contain underscores."""
     result = pw.projections(source, kind, tiles=[name], samples=2)
     axes = dict(zip(result[name].dims, (np.atleast_1d(first), np.atleast_1d(second)), strict=True))
     result = pw.projections(source, kind, tiles=[name], coordinates=axes)

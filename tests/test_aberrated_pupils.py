@@ -15,13 +15,14 @@ SCALE = WAVELENGTH * FOCUS
 SQUARE = pw.shapes.square(2 * RADIUS)
 HEXAGON = pw.shapes.regular_polygon(6, RADIUS)
 COMA = pw.zernike({8: 0.3 * WAVELENGTH, 6: 0.15 * WAVELENGTH}, RADIUS)
-# The error of an n-gon for a disc is of the order n^-4; extrapolation removes this term.
+# Errors relative to a disc. The error of an n-gon is of the order n^-4, and extrapolation removes
+# this term.
 DISC, EXTRAPOLATED = 1e-8, 1.0 / 15.0
 DENSE = 1e-9
 
 
 def of_a_disc(function, n=96):
-    """Extrapolate a function of polygons with n and 2 n corners to a disc."""
+    """Extrapolate a function from polygons with n and 2 n corners to a disc."""
     coarse, fine = (function(pw.shapes.disc(RADIUS, k)) for k in (n, 2 * n))
     return fine + (fine - coarse) * EXTRAPOLATED
 
@@ -57,12 +58,12 @@ def test_marechals_approximation_holds_for_small_aberrations():
 
 
 def test_defocus_and_spherical_aberration_have_closed_forms():
-    """sinc^2, and Fresnel integrals with 6 t^2 - 6 t + 1, t = r^2."""
+    """The Strehl ratios are sinc^2, and Fresnel integrals of 6 t^2 - 6 t + 1 with t = r^2."""
     c = 0.3
     defocus, spherical = (pw.zernike({j: c * WAVELENGTH}, RADIUS) for j in (4, 11))
     result = of_a_disc(lambda disc: pw.strehl(disc, WAVELENGTH, defocus))
     assert result == pytest.approx(np.sinc(2 * np.sqrt(3) * c) ** 2, abs=DISC)
-    # int exp(i a s^2) ds from s = -1/2 to 1/2, with s = t - 1/2
+    # The integral of exp(i a s^2) ds from s = -1/2 to 1/2, with s = t - 1/2.
     a = 2 * np.pi * c * np.sqrt(5) * 6
     sine, cosine = fresnel(0.5 * np.sqrt(2 * a / np.pi))
     expected = (cosine**2 + sine**2) * (2 * np.pi / a)
@@ -72,7 +73,7 @@ def test_defocus_and_spherical_aberration_have_closed_forms():
 
 @pytest.mark.parametrize("waves", [0.05, 0.2])
 def test_spots_are_the_sums_of_nijboer_and_zernike(waves):
-    """U = 2 sum beta_n^m i^-m (-1)^((n - m)/2) J_(n+1)(v)/v exp(i m phi), with |m| for m."""
+    """U is 2 sum beta_n^m i^-m (-1)^((n - m)/2) J_(n+1)(v)/v exp(i m phi), with |m| for m."""
     aberration = pw.zernike({8: waves * WAVELENGTH, 4: 0.5 * waves * WAVELENGTH}, RADIUS)
     node, weight = np.polynomial.legendre.leggauss(80)
     r, angle = (node + 1) / 2, np.arange(96) * (2 * np.pi / 96)

@@ -14,12 +14,12 @@ from polywigner.errors import MissingExtraError
 WAVELENGTH = 3.893e-3  # 77 GHz
 PITCH = 0.6 * WAVELENGTH
 
-# Rounding of phases up to 1e3 cycles in sums of up to 1024 unit terms.
+# Rounding error of sums of up to 1024 terms of modulus 1, with phases up to 1e3 cycles.
 ROUNDING = 1e-12
 
 
 def array_factor(positions, weights, nu):
-    """Return sum_k w_k exp(-2 pi i nu.x_k)."""
+    """Return the array factor sum_k w_k exp(-2 pi i nu.x_k)."""
     return np.exp(-2j * np.pi * (nu @ np.asarray(positions).T)) @ np.asarray(weights)
 
 

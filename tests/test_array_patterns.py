@@ -49,7 +49,7 @@ def test_samples_of_errors_average_to_the_closed_form(errors: dict[str, float]) 
 
 
 def test_the_mean_of_phase_errors_is_that_of_theory() -> None:
-    """e^(-s^2) |E_0|^2 + (1 - e^(-s^2)) sum |w_k E_k|^2"""
+    """The mean of |E|^2 is e^(-s^2) |E_0|^2 + (1 - e^(-s^2)) sum |w_k E_k|^2."""
     errors = 0.3
     alone = pw.radiation_pattern(PATCH, WAVELENGTH, THETA, PHI)["field"].values
     whole = pw.radiation_pattern(ARRAY, WAVELENGTH, THETA, PHI)
@@ -120,7 +120,7 @@ def test_the_array_factor_of_a_virtual_array_is_the_product(dimension: int) -> N
 
 
 def test_a_radar_of_two_arrays_sees_the_pattern_of_their_virtual_array() -> None:
-    """3 elements at 8 half wavelengths and 8 at half a wavelength form 24 at half a wavelength."""
+    """3 elements spaced by 4 wavelengths and 8 spaced by half a wavelength form 24 elements."""
     half = WAVELENGTH / 2
     sent = pw.arrays.grid_positions(3, 1, 8 * half)
     received = pw.arrays.grid_positions(8, 1, half)

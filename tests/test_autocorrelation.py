@@ -47,7 +47,8 @@ def test_defocus_is_a_cut_through_the_ambiguity_function(waves):
     for xi in (0.0, 0.3, -0.3, 1.1, 1.9):
         expected = _pupil_overlap(xi, waves, 1.0)
         assert pw.otf(slit, [xi], waves) == pytest.approx(expected, abs=1e-13)
-        # A square pupil separates; its farthest vertex is at the radius sqrt(2).
+        # The transfer function of a square pupil is a product. The farthest vertex is at the radius
+        # sqrt(2).
         square = pw.otf(pw.shapes.square(2.0), [xi, 0.4], waves)
         product = _pupil_overlap(xi, waves, math.sqrt(2)) * _pupil_overlap(0.4, waves, math.sqrt(2))
         assert square == pytest.approx(product, abs=1e-13)
@@ -96,7 +97,7 @@ def _defocused_otf_of_a_disc(lag, waves):
 
 
 def test_a_disc_out_of_focus_has_the_radius_that_is_told():
-    """The default radius is the distance of the vertices, which are outside of the disc."""
+    """The default radius is the distance of the vertices, which are outside the disc."""
     disc = pw.shapes.disc(1.0)
     lags = np.linspace(0.05, 1.95, 20)
     xi = np.stack([lags, 0 * lags], axis=-1)

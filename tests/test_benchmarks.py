@@ -17,9 +17,10 @@ from benchmarks.questions import polyhedra, wigner
 pytestmark = pytest.mark.slow  # kernels of peers are compiled
 
 TINY = timing.Effort(rounds=2, seconds=1e-4, most=1 << 8, checked=3, quick=True)
-# Relative to the area: rounding of float32 after tens of cycles of phase, and of float64.
+# Rounding errors relative to the area: float32 after tens of cycles of phase, and float64.
 SINGLE, DOUBLE = 5e-6, 1e-13
-# Relative to the volume: libformfactor switches between series and closed forms.
+# Difference from libformfactor, relative to the volume. libformfactor switches between series and
+# closed forms.
 PEER_OF_BODIES = 1e-10
 
 

@@ -18,7 +18,7 @@ CHEVRONS = pw.shapes.chevron_pair(6e-3, 5e-3, 2e-3)
 BOX = ((-20e-3, -15e-3, 30e-3), (10e-3, 15e-3, 60e-3))
 SHAPE = (4, 3, 5)
 
-# Rounding of the same sums in another order.
+# Rounding error of the same sums in another order.
 ROUNDING = 1e-12
 
 
@@ -82,7 +82,7 @@ def test_every_grid_knows_where_its_points_are():
 
 
 def test_a_dataset_describes_its_source_in_a_line_and_gives_it_back(tmp_path):
-    """One line for each axis, variable and attribute, and five more lines."""
+    """The description has one line for each axis, variable and attribute, and five more lines."""
     field = CHEVRONS.with_illumination(pw.steering((0.6, 0, 0.8), WAVELENGTH))
     computed = pw.line(field, BOX, 3, WAVELENGTH, method=("wigner", "kirchhoff"))
     assert computed["wigner"].attrs["units"] == "W m-2"

@@ -33,13 +33,13 @@ FREQUENCY = 94e9
 DOT = pw.shapes.square(0.01 * WAVELENGTH)
 ALL_SIDES: dict[str, Any] = {"obliquity": "rayleigh-sommerfeld-2"}
 
-# Rounding in double precision of phases of 1e5 cycles.
+# Rounding error in double precision for phases of 1e5 cycles.
 ROUNDING = 1e-9
-# Mitsuba's transmission and reflectances have single precision.
+# Rounding error of Mitsuba's transmission and reflectances, which are in single precision.
 SINGLE = 1e-6
-# Phase error in rad of poses in single precision at 2 m.
+# Phase error due to poses in single precision at 2 m [rad].
 PLACES = 3e-4
-# 1024 rays between evenly distributed points of both apertures.
+# Error of an average over 1024 rays between evenly distributed points of both apertures.
 RAYS = 0.01
 # Tolerance of couplings and of their interpolation over a band.
 BAND = 3e-6
@@ -122,7 +122,7 @@ GREY = {**CONDUCTOR, "specular_reflectance": 0.25}
 def test_a_floor_reflects_both_polarisations_as_fresnel_says(
     plain: None, bsdf: dict[str, Any], permittivity: complex, share: float, angle: float
 ) -> None:
-    """Both ends point at the point of reflection, 1 m away."""
+    """Emitter and receiver point at the point of reflection, 1 m away."""
     cosine, sine = np.cos(angle), np.sin(angle)
     one = looking((-sine, 0, cosine), (sine, 0, -cosine))
     other = looking((sine, 0, cosine), (-sine, 0, -cosine))
@@ -171,7 +171,7 @@ def test_a_corner_of_three_mirrors_returns_the_source_turned_inside_out(plain: N
     total = sum(path_amplitude(result, *chain) for chain in chains_of(result) if len(chain) == 3)
     image = np.diag([-1.0, -1.0, -1.0, 1.0]) @ one @ np.diag([1.0, -1.0, 1.0, 1.0])
     b = coupled(flipped(), image, SQUARE, other)
-    # Both ends point at the corner: e.e without a conjugate.
+    # Both ends point at the corner, so the polarisation factor is e.e, without a conjugate.
     expected = b * complex(np.sum(np.square(ELLIPTIC)) / np.vdot(ELLIPTIC, ELLIPTIC))
     assert total == pytest.approx(expected, rel=0.01, abs=0.01 * abs(b))
 
@@ -408,9 +408,9 @@ def test_a_scene_without_a_channel_is_refused(
         pm.channel(scene_of(**parts))
 
 
-# Errors of fields on pieces of a body, and of edges in physical optics.
+# Relative error due to fields on pieces of a body, and due to edges in physical optics.
 PIECES = 3e-3
-# Apertures on all sides that point at the origin.
+# Poses of apertures on several sides that point at the origin.
 ASKANCE = looking((-0.5, 0, 0.6), (0.5, 0, -0.6)), looking((0.5, 0, 0.6), (-0.5, 0, -0.6))
 
 
@@ -454,7 +454,7 @@ def test_the_echo_of_a_body_in_the_way_is_its_shadow(plain: None) -> None:
 
 
 def test_a_corner_reflector_far_away_obeys_the_radar_equation(plain: None) -> None:
-    """Within 0.02 dB; a note reports near bodies and single reflections."""
+    """The difference is below 0.02 dB. Notes report near bodies and single reflections."""
     body, towards = trihedral(10 * WAVELENGTH), np.ones(3) / math.sqrt(3)
     pose = looking(20.0 * towards, -towards)
     result = pm.channel(between(pose, pose), bodies={"corner": (body, 3)})

@@ -25,7 +25,8 @@ def test_help_imports_no_heavy_library():
     assert all(command in run.stdout for command in ("render", "transform", "doctor"))
 
 
-# Processor time in s: ten times the usual time.
+# Limits of the processor time for importing the package and for printing the help [s], ten times
+# the usual time.
 IMPORT, HELP = 0.3, 0.5
 
 
@@ -116,11 +117,8 @@ def test_a_failure_keeps_the_old_files_and_leaves_no_scratch(tmp_path):
 
 def test_a_place_that_cannot_be_written_to_is_found_before_the_work(tmp_path):
     (tmp_path / "file").write_text("")
-    (tmp_path / "folder.png").mkdir()
     with pytest.raises(ArgumentError, match=r"cannot write .* to the folder"):
         check_writable([tmp_path / "file" / "deeper" / "a.png"])
-    with pytest.raises(ArgumentError, match="must be a file name, got the folder"):
-        check_writable([tmp_path / "folder.png"])
     check_writable([tmp_path / "new" / "a.png"])
     assert not (tmp_path / "new").exists()
 

@@ -17,7 +17,7 @@ WAVELENGTH = 299_792_458 / 94e9
 SQUARE = pw.shapes.square(10e-3)
 FREQUENCY = ("--frequency", "94 GHz")
 
-# Rounding of the same sums in other blocks.
+# Rounding error of the same sums in other blocks.
 ROUNDING = 1e-12
 
 
@@ -139,7 +139,7 @@ def test_fields_behind_meshes_and_plates_are_those_of_irradiance(square):
     np.testing.assert_allclose(values, expected, rtol=1e-6, atol=1e-9)
     result = propagated(square, "--line", "0 mm, 0 mm, 70 mm to 20 mm, 5 mm, 70 mm", "--samples",
                        "4", "--obstacle", plate, "--edge", "hard", "--engine", "numpy")  # fmt: skip
-    # The rotation turns z towards y, and y towards -z.
+    # The rotation maps the z axis towards y, and the y axis towards -z.
     s, c = 0.5, 3**0.5 / 2
     pose = [[1, 0, 0, 5e-3], [0, c, s, 0], [0, -s, c, 50e-3], [0, 0, 0, 1]]
     expected = pw.irradiance(

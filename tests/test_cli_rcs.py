@@ -21,7 +21,7 @@ Captured = pytest.CaptureFixture[str]
 
 FREQUENCY = ("--frequency", "3 GHz")
 WAVELENGTH = pw.SPEED_OF_LIGHT / 3e9
-# Numbers have twelve digits.
+# Rounding error of the written numbers, which have twelve digits.
 WRITTEN = 1e-11
 
 

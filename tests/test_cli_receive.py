@@ -105,11 +105,11 @@ def test_the_example_is_received_and_its_map_adds_up(
     assert list(places) == ["floor", "box"]
     assert abs(places["floor"][0]) < 0.05 and -0.6 < places["floor"][1] < -0.3
     assert -0.3 < places["box"][0] < -0.05 and -0.5 < places["box"][1] < -0.1
-    # 64 samples of each pixel.
+    # The map has 64 samples per pixel, so it agrees within the standard error only.
     assert total == pytest.approx(result["scattered_w"], abs=5 * result["standard_error_w"])
 
 
-# A lamp to the right of the axis of a receiver that points to -z, and above the axis.
+# Lamp above and to the right of the axis of a receiver that points to -z.
 LAMP = """<shape type="sphere">
     <point name="center" x="1" y="0.5" z="0"/><float name="radius" value="0.4"/>
     <emitter type="area"><spectrum name="radiance" value="1"/></emitter>

@@ -18,7 +18,8 @@ pytestmark = pytest.mark.drjit
 
 WAVELENGTH = wavelength_of(94e9)
 
-# 64 pixels with 64 samples; the relative standard deviation of a sample is sqrt(16/9 - 1) = 0.88.
+# Four standard errors of the mean over 64 pixels with 64 samples. The relative standard deviation
+# of a sample is sqrt(16/9 - 1) = 0.88.
 STATISTICAL = 4 * 0.88 / 64
 
 CAMERA = """<sensor type="orthographic">
@@ -37,7 +38,8 @@ DIFFUSE = '<bsdf type="diffuse"><spectrum name="reflectance" value="{0}"/></bsdf
 def scene_of_the_aperture_itself(folder):
     """Write a scene with a camera in front of a square of 10 mm."""
     camera = CAMERA.format(half=6e-3, pose=LOOKING_DOWN, size=16, pixels="")
-    # Mitsuba's path integrators omit emission in front of an empty background: a black wall.
+    # A black wall is required, because Mitsuba's path integrators omit emission in front of an
+    # empty background.
     wall = rectangle('<translate z="-0.1"/>', DIFFUSE.format(0))
     return written(folder, scene(PATH.format(3), camera, source(), wall))
 
@@ -57,8 +59,11 @@ def rendered(path, *options):
     assert main(["render", str(path), "--out", str(out), *options]) == 0
     import mitsuba as mi  # after the command, which selects the LLVM library
 
+    from polywigner.mitsuba.plugins.films import threads_for_openexr
+
     assert out.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
-    bitmap = mi.Bitmap(str(out.with_suffix(".exr")))
+    with threads_for_openexr():
+        bitmap = mi.Bitmap(str(out.with_suffix(".exr")))
     assert bitmap.component_format() == mi.Struct.Type.Float32
     image = np.array(bitmap)
     return image.reshape(*image.shape[:2], -1), json.loads(out.with_suffix(".json").read_text())

@@ -17,11 +17,12 @@ FRAME = [
     np.array([[0, 0], [2, 0.125], [1.75, 1.5], [0.25, 1.25]]),
     np.array([[0.5, 0.375], [0.75, 1], [1.25, 0.875]]),  # the hole
 ]
-# Rounding relative to the largest component of the gradient.
+# Rounding errors relative to the largest component of the gradient.
 ERRORS = {"double": 1e-11, "single": 1e-4}
-# Error of extrapolated differences with steps h and h/2: h^4 (2 pi nu D)^5, about 1e-15.
+# Step h of extrapolated differences with steps h and h/2, whose error is h^4 (2 pi nu D)^5, about
+# 1e-15.
 STEP = 2.0**-17
-# Rounding of two float64 sums of tens of terms.
+# Rounding error of two float64 sums of tens of terms.
 ROUNDING = 1e-11
 
 
@@ -104,7 +105,7 @@ def test_derivatives_are_those_of_exact_arithmetic(rings, precision):
 
 
 def test_a_shift_of_all_vertices_of_an_array_turns_the_phase_of_its_transform():
-    """dF/dx = -2 pi i nu_x F."""
+    """The derivative dF/dx is -2 pi i nu_x F."""
     import drjit as dr
 
     source = pw.Array([pw.shapes.square(0.7), pw.shapes.chevron(2.0, 1.2, 0.4)], [1, 0.5 + 0.3j])
@@ -122,7 +123,7 @@ def test_a_shift_of_all_vertices_of_an_array_turns_the_phase_of_its_transform():
 
 @pytest.mark.slow
 def test_forward_and_reverse_mode_are_adjoint():
-    """<g, J t> = <J* g, t> for random t and g."""
+    """The test checks <g, J t> = <J* g, t> for random t and g."""
     import drjit as dr
 
     rng = np.random.default_rng(2)
@@ -257,9 +258,10 @@ def test_vertices_that_make_no_outline_are_refused(ring):
 AT = np.array([[0.3125, -0.1875]])
 # Direction to the right of all edges, which have directions from 0 to 180 degrees.
 RIGHT = np.array([1.0, -0.3125])
-# Gradients vary by second derivatives, of about 2 pi nu D with D up to 4.
+# Distance across an edge, and the change of the gradient over this distance, which is due to second
+# derivatives of about 2 pi nu D with D up to 4.
 ACROSS, CHANGE = 2.0**-36, 1e-7
-# Relative to the area, at a distance from the kink of a few thousand ulps or more.
+# Errors relative to the area, and distances from the kink of a few thousand ulps or more.
 CLOSE = {"double": (1e-14, 2.0**-10, 2.0**-34), "single": (2e-6, 2.0**-6, 2.0**-14)}
 
 
@@ -281,5 +283,5 @@ def test_close_to_kinks_derivatives_err_as_elsewhere(ring, precision):
             wide, narrow = values[0] - values[1], values[2] - values[3]
             expected = float((8 * narrow - wide) / (6 * exact.mpmath.mpf(distance / 4)))
             got = _gradient(None, ring, [x], AT, double=double)[1][0] @ move
-            # The differences have errors of (h 2 pi nu D)^4.
+            # The differences have relative errors of (h 2 pi nu D)^4.
             assert abs(got - expected) < (error + 10 * distance**4) * pw.Aperture(ring).area

@@ -24,25 +24,25 @@ CHEVRONS = pw.shapes.chevron_pair(SIDE, 6e-3, 2e-3)
 SLITS = pw.Slits([(0.0, 3e-3), (5e-3, 9e-3)])
 WAVES = pw.Illumination([1.0, 0.5j], [(150.0, 80.0), (-90.0, 30.0)])
 STEERED = pw.shapes.regular_polygon(6, SIDE / 2).with_illumination(WAVES)
-# A product of fields along both sides.
+# Source whose field is a product of fields along both sides.
 TAPERED = SQUARE.turned(0.4).with_illumination(pw.cosine_taper(SIDE, SIDE).turned(0.4))
 # Coherent light is summed over elements, partially coherent light over tilts.
 LATTICE = pw.phased_array(pw.shapes.square(3e-3), 4e-3 * np.indices((2, 3)).reshape(2, -1).T)
 LARGE_LATTICE = pw.phased_array(pw.shapes.square(3e-3), 4e-3 * np.indices((3, 6)).reshape(2, -1).T)
-# Separate parts, and slits of equal width.
+# Sources with separate parts, and slits of equal width.
 DISTANT = pw.Aperture([shift + np.array([(0, 0), (1e-3, 0), (0, 1e-3)]) for shift in (0, 0.5)])
 ARRAY = pw.phased_array(
     pw.shapes.square(3e-3), [(0, 0), (4e-3, 0), (0, 4e-3)], np.array([1, 1j, 0.5])
 )
 
-# Errors of the closed form (1e-12) and of the quadrature, relative to int |u|^2.
+# Error of the closed form (1e-12) and of the quadrature, relative to the integral of |u|^2.
 BY_QUADRATURE = 1e-10
-# Single precision relative to int |u|^2.
+# Error in single precision, relative to the integral of |u|^2.
 IN_SINGLE = 2e-6
-# A product of two floats.
+# Relative rounding error of a product of two floats.
 CLOSED_FORM = 1e-13
 VISIBILITY = 1e-6
-# The reference for the mean over the band has 2000 terms.
+# Error in nulls [dB]; the reference for the mean over the band has 2000 terms.
 NULLS_DB = 0.02
 
 

@@ -19,9 +19,10 @@ from oracles.degenerate import outlines
 from oracles.positions import frequencies, lags, outline, positions
 from oracles.references import ENGINES, FEW, awkward, awkward_names, numpy_and_few
 
-# Stated accuracy relative to the area.
+# Accuracy that the documentation states, relative to the area.
 TOLERANCE = {"double": 1e-12, "single": 5e-6}
-# Rounding of vertices and offsets times the perimeter, and of sums of up to four areas.
+# Errors due to the rounding of vertices and offsets, times the perimeter, and to the rounding of
+# sums of up to four areas.
 BY_PAIRS = {"double": 2e-14, "single": 5e-6}
 # Vertices and offsets move by at most half a step of 2^-52 or 2^-23 of twice the diameter.
 GRID_STEP = {"double": 2.0**-51, "single": 2.0**-22}
@@ -142,7 +143,7 @@ def with_touching_holes(count):
     return pw.Aperture(shapely.box(-1, -1, count + 1, 1).difference(holes))
 
 
-# Enough vertices to divide cells of pairs several times.
+# Outlines with enough vertices that cells of pairs are divided several times.
 OUTLINES: dict[str, Callable[[], pw.Aperture]] = {
     "regular polygon": lambda: pw.shapes.regular_polygon(48, 1.0),
     "star": lambda: pw.shapes.star(12, 1.0, 0.4),
@@ -155,7 +156,7 @@ OUTLINES: dict[str, Callable[[], pw.Aperture]] = {
 COUNT = 60
 # Area below which a part of a slice is ignored.
 NO_SLIVER = 1e-12
-# Relative to the area, or to diameter times perimeter.
+# Errors relative to the area, or to the product of diameter and perimeter.
 BY_BOUNDARY = {"double": 4e-16, "single": 6e-7}
 
 
@@ -179,7 +180,7 @@ def test_outlines_of_many_edges_transform_their_slices(name, engine):
     x[some] = rng.uniform(*np.reshape(source.bounds, (2, 2)), (COUNT // 3, 2))
     x[others] *= 1 + 2**-52 * rng.integers(-2, 3, (COUNT // 3, 2))
     nu = rng.uniform(-1, 1, x.shape) * 10 ** rng.uniform(-2, 1.5, (len(x), 1)) / source.diameter
-    # F of slices by GEOS
+    # The expected values are transforms F of slices that GEOS computes.
     expected_w = [transform_of(pw.lag_slice(source, p), f).real for p, f in zip(x, nu, strict=True)]
     expected_a = [
         transform_of(pw.position_slice(source, p), f) for p, f in zip(lag, nu, strict=True)
@@ -198,14 +199,14 @@ def test_without_a_frequency_shift_sums_of_many_edges_round_no_worse(engine):
     source = pw.shapes.regular_polygon(256, 1.0)
     xi = 0.3 * np.random.default_rng(1).normal(size=(500, 2))
     result = pw.ambiguity(source, [0.0, 0.0], xi, engine=engine, precision="single")
-    # a fifth of the limit for W; 2e-6 without compensation
+    # The limit is a fifth of the limit for W. Without compensation, the error would be 2e-6.
     assert np.abs(result - pw.lag_marginal(source, xi)).max() < 1e-6 * source.area
 
 
-# Each of n edge ends has an error of some ulps.
+# Errors for many edges, because each end of an edge has an error of some ulps.
 POLYGON = {"double": 2e-14, "single": 5e-6}
-# Rounded vertices times diameter times perimeter over area: 40 for radii of 1 and 0.9, and 400 for
-# 0.99.
+# Errors of rings by inner radius. The rounding of vertices is multiplied by diameter times
+# perimeter over area, which is 40 for the radius 0.9 and 400 for 0.99.
 RING = {0.9: 6e-14, 0.99: 3e-13}
 
 

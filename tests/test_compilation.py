@@ -93,9 +93,10 @@ def test_points_of_numpy_beside_arrays_of_the_engine_compile_nothing_anew(llvm):
     assert result == []
 
 
-# Outlines of W, A and F with or without vertices on a grid, and with lines of both orientations.
+# Largest number of kernels: for W, A and F, with or without vertices on a grid, and with lines of
+# both orientations.
 MOST_FORMS = 12
-# Rounding of sums of ten terms, relative to the area.
+# Rounding error of sums of ten terms, relative to the area.
 DOUBLE = 2e-12
 TRANSFORMS: dict[str, Callable[..., Any]] = {
     "wigner": pw.wigner,

@@ -42,11 +42,11 @@ def test_edge_wave_of_a_half_plane_is_macdonalds(turns: float, nodes: int, allow
     along = rng.uniform(-30, 30, count)
     points = np.stack([-last * np.cos(angle), along, -last * np.sin(angle)], axis=1)
     none = np.zeros(count)
-    parts = edge_wave(
+    wave = edge_wave(
         NumpyOperations(), EdgeRule.of(turns, nodes, 5), tuple(source.T), tuple(points.T),
         (none, none + LONG, none), (none, none - LONG, none), in_front=1.0 * (angle < np.pi),
     )  # fmt: skip
-    result = (angle < start + np.pi) - (parts[0] + 1j * parts[1]) / (2 * np.pi)
+    result = (angle < start + np.pi) - (wave.real + 1j * wave.imag) / (2 * np.pi)
     assert np.abs(result - incident_shadow(source, points)).max() < allowed
 
 
@@ -88,7 +88,7 @@ def test_field_is_zero_on_a_soft_plate_and_its_slope_on_a_hard_one() -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_obliquity_of_an_aperture_belongs_to_the_directions_of_the_edges(kind: str) -> None:
-    """(SB5): one condition is the derivative of the other condition in z of the source."""
+    """By (SB5), the field of one condition is a derivative of the field of the other condition."""
     square, points = pw.shapes.square(2.0), drawn(6, (-20, -20, 5), 25)
 
     def by(method: str, up: float = 0.0) -> Any:

@@ -34,7 +34,7 @@ def test_the_walk_from_file_to_picture_goes_through_its_rooms(tmp_path, unrender
             if not entered or entered[-1] != room:
                 entered.append(room)
 
-    # A new source, because tables of earlier sources are cached.
+    # The source is new, because tables of earlier sources are cached.
     aperture = tmp_path / "chevron.geojson"
     ring = [[-10.1, -6.2], [-10.1, -2.3], [0.4, 6.5], [10.6, -2.7], [10.6, -6.8], [0.4, 2.9]]
     geometry = {"type": "Polygon", "coordinates": [[*ring, ring[0]]]}

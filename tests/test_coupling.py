@@ -31,18 +31,18 @@ SOURCES = {
     "TE10 square to square, tilted": (COSINE, SQUARE),
     "steered square to TE10 square": (STEERED, COSINE),
 }
-# Rounding of sums, and error of the reference values (2.5e-14).
+# Error due to the rounding of sums, and to the reference values (2.5e-14).
 ROUNDING = 1e-12
-# Fields have errors of 1e-12 in sums of some hundred nodes.
+# Error of sums of some hundred fields, each with an error of 1e-12.
 FIELDS = 1e-10
 
 
 def norm(source):
-    """Return int |u|^2."""
+    """Return the integral of |u|^2."""
     return float(np.real(pw.lag_marginal(source, (0.0, 0.0))))
 
 
-# Far field of a wave at the cosine c: a c + b.
+# Factors a and b of the far field a c + b of a wave at the cosine c.
 FACTORS = {"rayleigh-sommerfeld-2": (0.0, 1.0), "kirchhoff": (0.5, 0.5)}
 
 
@@ -56,7 +56,7 @@ def rays(count=64):
 
 
 def radiated(one, method, other=None):
-    """Return int g F* F' dOmega/wavelength^2, (RX1)."""
+    """Return the integral of g F* F' dOmega/wavelength^2, (RX1) of docs/links.md."""
     directions, solid_angles = rays()
     a, b = FACTORS.get(method, (1.0, 0.0))
     share = (a * directions[:, 2] + b) ** 2 * solid_angles / WAVELENGTH**2
@@ -186,7 +186,7 @@ def _changed(**entries):
         ([pose(0, 0, 1), pose(0, 0, -1)], "in pose 1"),
         (_changed(m00=-2.0), "scales by .*; scale"),
         (_changed(m00=1.0), "mirror image"),
-        (_changed(m23=math.nan), "NaN or infinite elements"),
+        (_changed(m23=math.nan), "numbers must be finite"),
         (_changed(m30=1.0), "last row"),
         (np.eye(3), r"shape \(3, 3\)"),
     ],

@@ -19,9 +19,9 @@ PLACES = (np.arange(12) - 5.5) * WAVELENGTH * 0.75
 ARRAY = pw.Array([ELEMENT.moved((x, 0.0)) for x in PLACES], np.exp(0.3j * np.arange(12)))
 DISTANCE, RADIUS = 5.0, 0.5
 
-# Error of Airy's formula for a disc of this angle with random points.
+# Error of Airy's formula for a disc of the tested angle with random points.
 AIRY = 0.01
-# Fields have a tolerance of 1e-6.
+# Relative error of responses, whose fields have a tolerance of 1e-6.
 FIELDS = 1e-5
 
 
@@ -67,10 +67,10 @@ def degree(matrix):
 
 
 def test_a_disc_gives_airys_coherence():
-    """The van Cittert-Zernike theorem."""
+    """The result follows from the van Cittert-Zernike theorem."""
     result = degree(pm.covariance(cloud(disc(), np.ones(4000)), ARRAY))
     assert np.abs(result[0] - airy()).max() < AIRY
-    # beyond the first zero of Airy's function
+    # The element is beyond the first zero of Airy's function.
     assert result[0, -1].real < 0
     assert np.allclose(result, result.conj().T, rtol=1e-12, atol=1e-12)
 
@@ -84,7 +84,7 @@ def test_responses_are_fields_by_reciprocity():
     how: Any = {"method": "rayleigh-sommerfeld-2", "normalise": "aperture"}
     b = pw.coupling(ELEMENT, source, turned, WAVELENGTH, **how)
     field = pw.amplitude(ELEMENT, place[0], WAVELENGTH, method="rayleigh-sommerfeld-2")
-    # b = U A_s/sqrt(N_t A_s) for the field U at the small source
+    # The coupling is b = U A_s/sqrt(N_t A_s), with the field U at the small source.
     assert b == pytest.approx(field * np.sqrt(source.area / ELEMENT.area), rel=1e-3)
     first = pw.amplitude(ELEMENT, place[0], WAVELENGTH, method="rayleigh-sommerfeld-1")
     radiated = pw.radiated_power(ELEMENT, WAVELENGTH)
@@ -128,7 +128,6 @@ def test_elements_count_each_alone_and_places_behind_them_for_nothing():
     ("change", "message"),
     [
         ({"cloud": {"power": 1}}, "the result of .*scatterers"),
-        ({"elements": []}, "expected elements"),
         ({"to_world": 2 * np.eye(4)}, "rigid"),
         ({"ranges": [1.0]}, "edges of bins"),
     ],

@@ -43,7 +43,7 @@ def test_far_away_every_field_of_a_horn_is_its_far_field(method):
     far = pw.amplitude(HORN, point, WAVELENGTH, "fraunhofer")
     if method == "rayleigh-sommerfeld-1":  # Fresnel's approximation has another distance.
         assert result == pytest.approx(far, rel=1e-6, abs=0.0)
-    # The slopes of Kirchhoff's waves are not along the axis.
+    # Relative errors by method. For Kirchhoff, the slopes of the waves are not along the axis.
     share = {"kirchhoff": 3e-2, "fresnel": 1e-5}.get(method, 1e-6)
     assert abs(result) == pytest.approx(abs(far), rel=share, abs=0.0)
 

@@ -34,9 +34,9 @@ RADII = {
 }
 CENTRE = (5e-4, -1e-3)
 
-# Rounding of values and of phases, relative to the area.
+# Rounding error of values and phases, relative to the area.
 ROUNDING = 1e-14
-# Identities of W and A, relative to the area.
+# Error of identities of W and A, relative to the area.
 IDENTITY = 1e-12
 
 

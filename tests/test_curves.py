@@ -15,7 +15,7 @@ from polywigner.geometry.io.outlines import (
     transformed,
 )
 
-# Sampled distances are below the true maximum, and computed distances are rounded.
+# Relative error of distances, which are rounded. Sampled distances are below the true maximum.
 ROUNDING = 1e-12
 
 DENSE = 3001
@@ -78,5 +78,5 @@ def test_no_point_is_farther_from_the_chords_than_the_tolerance(curve, tolerance
 @pytest.mark.parametrize("value", [math.nan, 1e200])
 def test_numbers_out_of_range_are_refused(value):
     line = np.array([[0.0, 0], [value, 1], [1, 1], [0, 0]])
-    with pytest.raises(FileFormatError, match="finite coordinates below 1e\\+100"):
+    with pytest.raises(FileFormatError, match="finite numbers below 1e\\+100"):
         flattened([[line]], None)

@@ -27,7 +27,7 @@ pytestmark = [pytest.mark.drjit, pytest.mark.usefixtures("few_rays", "few_batche
 pm = pytest.importorskip("polywigner.mitsuba")
 
 POLARISED, PLAIN_POLARISED = "llvm_ad_mono_polarized", "scalar_spectral_polarized"
-# Relative error of powers: 1e-6 dB, a few times single precision.
+# Relative error of powers, 1e-6 dB, which is a few times the error of single precision.
 MICRO_DECIBEL = 2.3e-7
 HALF = {"type": "diffuse", "reflectance": spectrum(0.5)}
 
@@ -68,7 +68,7 @@ def routes(scene: Any) -> list[float]:
 
 @pytest.mark.parametrize(("roll", "lean"), [(0.7, 0.0), (0.4, 1.0)])
 def test_in_unpolarised_variants_all_routes_are_the_scalar_link(roll: float, lean: float) -> None:
-    """Friis' formula without polarisation mismatch, for any rotation about the axes."""
+    """The link is Friis' formula without polarisation mismatch, for any rotation about the axes."""
     use("scalar_rgb")
     one, other = poses(roll, lean)
     expected = abs(coupled(SQUARE, one, SQUARE, other)) ** 2
@@ -89,7 +89,7 @@ def test_in_polarised_variants_all_routes_count_the_y_axes_of_both_ends() -> Non
 
 
 def test_the_default_is_the_link_of_huygens_sources_along_y() -> None:
-    """Kirchhoff's condition against `coupling` of vector fields."""
+    """Kirchhoff's condition is compared with `coupling` of vector fields."""
     use(PLAIN_POLARISED)
     one, other = poses(0.5, 1.0, 2.0)
     expected = coupled(SQUARE, one, SQUARE, other, polarisation="y", method="huygens")

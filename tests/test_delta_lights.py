@@ -29,12 +29,12 @@ pm = pytest.importorskip("polywigner.mitsuba")
 import mitsuba as mi  # noqa: E402 (after the package, which chooses the LLVM library)
 
 ONE = spectrum(1.0)
-# Mitsuba's images and light positions have single precision.
+# Relative error of Mitsuba's images and light positions, which are in single precision.
 SINGLE = 1e-5
 
 
 def area(source: Any, place: Any, obliquity: str = "rayleigh-sommerfeld-1") -> float:
-    """Return lambda^2 D/(4 pi r^2) from the exact field: received W per W/sr."""
+    """Return lambda^2 D/(4 pi r^2) from the exact field: received power per radiant intensity."""
     field = complex(pw.amplitude(source, np.asarray(place, float), WAVELENGTH, obliquity))
     return WAVELENGTH**2 * abs(field) ** 2 / pw.radiated_power(source, WAVELENGTH, obliquity)
 
@@ -76,7 +76,7 @@ def test_a_point_light_far_away_obeys_friis(plain: None, estimator: str) -> None
     )
     expected = directivity(HANDED, theta, phi) * (WAVELENGTH / (4 * math.pi * distance)) ** 2
     result = both_readings(scene)
-    # The outline is some millimetres off the origin.
+    # The tolerance is large, because the outline is some millimetres off the origin.
     assert result == pytest.approx([4 * math.pi * expected] * 2, rel=2e-3)
     (part,) = pm.received_power(scene, spp=16).contributions
     assert part.name == "other lights" and part.scattered == 0.0
@@ -105,7 +105,7 @@ def test_a_plane_wave_is_received_by_the_effective_area(plain: None) -> None:
 
 @pytest.mark.parametrize(("off", "share"), [(5.0, 1.0), (18.0, 0.2), (25.0, 0.0)])
 def test_a_spot_falls_off_towards_its_rim(plain: None, off: float, share: float) -> None:
-    """Full intensity within 10 degrees, with a linear decrease to zero at 20 degrees."""
+    """The intensity is full within 10 degrees, and decreases linearly to zero at 20 degrees."""
     target = [0.0, 2 * math.sin(math.radians(off)), 2 - 2 * math.cos(math.radians(off))]
     spot = towards((0, 0, 2), target, intensity=ONE, cutoff_angle=20.0, beam_width=10.0)
     scene = scene_of(rx=receiver(), spot=spot)
@@ -172,7 +172,7 @@ def test_a_mirror_shows_the_image_of_a_light(plain: None) -> None:
     assert paths[()].power == pytest.approx(area(SQUARE, place), rel=SINGLE)
     assert paths["mirror",].power == pytest.approx(0.5 * area(SQUARE, image), rel=SINGLE)
     assert paths["mirror",].length == pytest.approx(float(np.linalg.norm(image)), rel=1e-6)
-    # A plane wave, whose reflection comes from the other side.
+    # The sun emits a plane wave, whose reflection arrives from the other side.
     sun = {"type": "directional", "direction": (-along(0.3, math.pi)).tolist(), "irradiance": ONE}
     effective = directivity(SQUARE, 0.3, 0.0) * WAVELENGTH**2 / (4 * math.pi)
     assert paths_of(sun)["mirror",].power == pytest.approx(0.5 * effective, rel=1e-4)

@@ -10,7 +10,7 @@ from polywigner.propagation.far_fields import far_field
 from polywigner.source.obliquities import OBLIQUITIES, Forms, times_direction_cosine
 
 WAVELENGTH = 3e-3
-# Rounding of sums of a few terms of order one.
+# Rounding error of sums of a few terms of order one.
 ROUNDING = 1e-14
 
 WAVES = pw.Illumination(

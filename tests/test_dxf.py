@@ -19,11 +19,11 @@ ezdxf = pytest.importorskip("ezdxf")
 
 DATA = Path(__file__).parent / "data" / "readers"
 
-# Rounding of a few products with sines.
+# Rounding error of a few products with sines.
 ROUNDING = 1e-13
-# The union has a grid of 2^-44 of the size.
+# Relative rounding error of unions, which have a grid of 2^-44 of the size.
 UNION = 1e-12
-# Chords of 1e-8 m on curves of some millimetres.
+# Options for chords with errors of 1e-8 m on curves of some millimetres.
 FINE = {"tolerance": 1e-8}
 BY_CHORDS = 1e-4
 
@@ -81,7 +81,7 @@ def test_a_bulge_of_one_is_a_half_circle(read: Read, tolerance: float) -> None:
     drawn = read(lambda s: outline(s, [(0, 0, 1), (2, 0, 0)], format="xyb"), tolerance=tolerance)
     missing = math.pi / 2 * 1e-6 - drawn.area
     assert 0 < missing <= tolerance * math.pi * 1e-3
-    # A bulge above zero is counter-clockwise: below the chord from left to right.
+    # A positive bulge is counter-clockwise, so it lies below a chord from left to right.
     assert drawn.bounds == pytest.approx((0, -1e-3, 2e-3, 0), abs=tolerance)
     xs, ys = drawn.rings[0].T
     on_arc = ys < 0
@@ -129,7 +129,7 @@ def round_hatch(space: Any) -> None:
 
 
 def touching_hatch(space: Any) -> None:
-    """Draw a boundary that touches itself in a corner, without its closing side."""
+    """Draw a boundary that touches itself at a corner, without its closing side."""
     points = [(0, 0), (4, 0), (2, 2), (4, 4), (0, 4), (2, 2)]
     space.add_hatch().paths.add_polyline_path(points, is_closed=False)
 
@@ -222,7 +222,7 @@ def test_the_same_region_drawn_in_many_ways(read: Read, build: Build) -> None:
 
 
 def test_blocks_in_stretched_blocks_are_sheared(read: Read) -> None:
-    """Both inserts' matrices multiply."""
+    """The matrices of both inserts are multiplied."""
 
     def build(space: Any) -> None:
         inner, outer = space.doc.blocks.new("INNER"), space.doc.blocks.new("OUTER")
@@ -308,7 +308,7 @@ BAD: dict[str, tuple[Build, type[Exception], str]] = {
                   FileFormatError, "plane drawing"),
     "no block": (lambda s: s.add_blockref("missing", (0, 0)), FileFormatError, "which is missing"),
     "another drawing": (external, FileFormatError, "'OTHER', which is missing, external"),
-    "nan": (lambda s: s.add_circle((0, math.nan), 1), FileFormatError, "finite coordinates"),
+    "nan": (lambda s: s.add_circle((0, math.nan), 1), FileFormatError, "finite numbers"),
     "huge": (lambda s: s.add_circle((0, 0), 1e200), FileFormatError, "below 1e\\+100"),
     "recursion": (recursion, FileFormatError, "contains itself"),
     "width": (lambda s: s.add_lwpolyline(SQUARE, close=True, dxfattribs={"const_width": 0.5}),
@@ -419,7 +419,7 @@ def test_files_of_reported_faults_have_their_areas(
 def test_a_layer_that_is_off_hides_its_own_entities_and_a_frozen_one_its_inserts(
     read: Read, state: dict[str, str], shown: float
 ) -> None:
-    """Sides: 1 on layer 0 of a block, 2 on another layer, 3 in a nested block, 4 outside."""
+    """The sides are 1 on layer 0 of a block, 2 on another layer, 3 in a nested block, 4 outside."""
 
     def build(space: Any) -> None:
         for name in ("INS", "OWN", "DEEP"):

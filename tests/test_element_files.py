@@ -70,7 +70,8 @@ CORNER = pw.Aperture([(0, 0), (3e-3, 0), (3e-3, 1e-3), (1e-3, 1e-3), (1e-3, 3e-3
         (SQUARE, pw.arrays.grid_positions(4, 3, 0.75e-3), "overlap by 2.5e-07 m^2"),
         (SQUARE, [(0, 0), (1e-3, 0), (0, 1e-3)], ""),
         (pw.shapes.square(1e-3 / 3), [(k / 3e3, 0) for k in range(9)], ""),
-        # Outlines are compared, not their bounds: a foot of 2.5 x 1 mm and a leg of 0.5 x 2 mm.
+        # The outlines overlap less than their bounds. Each has a foot of 2.5 x 1 mm and a leg of
+        # 0.5 x 2 mm.
         (CORNER, [(0, 0), (0.5e-3, 0)], "overlap by 3.5e-06 m^2"),
         (CORNER, [(0, 0), (1.5e-3, 1.5e-3)], ""),
         (SQUARE.curved(20e-3, 4e-3), [(0, 0), (0.5e-3, 0)], "overlap by 5e-07 m^2"),

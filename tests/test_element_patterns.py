@@ -93,7 +93,6 @@ DAMAGES: dict[str, tuple[Any, str]] = {
     "a text": (lambda t: t.replace("\n0,2,", "\n0,two,", 1), "line 3"),
     "not finite": (lambda t: re.sub(r"\n0,2,[^,]*,[^,]*", "\n0,2,0,nan", t), "finite"),
     "a row less": (lambda t: t[: t.rstrip().rfind("\n")], "a grid of"),
-    "a row twice": (lambda t: t + t.splitlines()[-1], "several times"),
     "zeros": (lambda t: re.sub(r"(?m)^(\d+,\d+,[^,]*),.*", r"\1,0,0,0,0", t), "zero"),
     "a cut": (lambda t: "\n".join(t.splitlines()[: 1 + len(GRID[0])]), "full circle"),
 }
@@ -206,7 +205,7 @@ def test_a_fitted_element_has_the_links_and_arrays_of_its_pattern(tmp_path: Path
 
 
 def test_scalar_sources_take_the_pattern_of_the_first_boundary_condition() -> None:
-    """A pattern cos(theta) F in Ludwig's third definition."""
+    """The pattern is cos(theta) F in Ludwig's third definition."""
     table = _pattern(HORN, polarisation="y")
     scalar = _pattern(HORN, obliquity="rayleigh-sommerfeld-1")
     table["field"], table["cross_field"] = scalar["field"], 0.0 * table["cross_field"]
@@ -228,9 +227,9 @@ def test_scalar_sources_take_the_pattern_of_the_first_boundary_condition() -> No
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"pattern": 3}, "expected pattern to be a pattern of a polarised source"),
+        ({"pattern": 3}, "the result of read_pattern or radiation_pattern"),
         ({"aperture": HORN}, "expected an Aperture without a field"),
-        ({"aperture": pw.shapes.square(0.1)}, "at most about 12 wavelengths"),
+        ({"aperture": pw.shapes.square(0.1)}, "at most 2400 waves in a fit"),
         ({"method": "kirchhoff"}, "expected method"),
         ({"polarisation": "y"}, "no radiation in the specified polarisation"),
         ({"cut_off": 2.0}, "expected cut_off to be a fraction"),

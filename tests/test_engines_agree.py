@@ -9,7 +9,7 @@ import polywigner as pw
 from oracles.references import ENGINES, awkward
 from polywigner.errors import PolywignerError
 
-# (function, number of point arguments, whether the result is complex)
+# Transforms, each with its number of point arguments and whether its result is complex.
 TRANSFORMS = [
     pytest.param(pw.wigner, 2, False, id="wigner"),
     pytest.param(pw.ambiguity, 2, True, id="ambiguity"),

@@ -97,10 +97,11 @@ def test_integrals_along_edges_are_those_over_the_opening(name):
 @pytest.mark.parametrize("direction", [(0.0, 0.0), (0.5, 0.2), (-0.9, 0.3)])
 @methods
 def test_nothing_jumps_at_the_boundary_of_the_shadow(direction, method):
-    """Points on the ray through a point of an edge, and at small distances from this ray."""
+    """The points are on the ray through a point of an edge, and at small distances from the ray."""
     source = tilted(SQUARE, *direction)
     p = np.array([*direction, math.sqrt(1 - np.dot(direction, direction))])
-    # Odd rules have a node in the centre of the edge, on the ray itself.
+    # Quadrature rules with an odd number of nodes have a node at the centre of the edge, on the ray
+    # itself.
     for start in ((HALF, 0.0), (HALF, HALF)):
         for height in (0.5, 200.0):
             ray = np.append(start, 0.0) + p * height / p[2]
@@ -116,14 +117,14 @@ def test_nothing_jumps_at_the_boundary_of_the_shadow(direction, method):
 
 
 def test_close_to_the_opening_the_field_is_the_one_given():
-    """The first integral has the given value, and the second integral the given slope."""
+    """The first integral has the value of the wave, and the second integral has its slope."""
     height = 1e-6
     inside, outside = (0.3, -0.7, height), (HALF + 0.2, 0.1, height)
     for direction in ((0.0, 0.0), (0.6, 0.3), (1.3, 0.2)):
         source = tilted(SQUARE, *direction)
         wave = np.exp(2j * np.pi * np.dot(direction, inside[:2]))
         field = pw.amplitude(source, [inside, outside], 1.0)
-        # The change is the height times the slope.
+        # The field changes by the slope times the height above the opening.
         assert abs(field[0] - wave) <= 40 * height and abs(field[1]) <= 40 * height
         pz = np.sqrt(complex(1 - np.dot(direction, direction)))
         step = np.array([0.0, 0.0, 1e-5])
@@ -215,7 +216,7 @@ def test_on_an_edge_there_is_half_of_the_field_and_on_a_corner_a_quarter():
 
 
 def test_edges_of_too_many_wavelengths_are_refused_with_a_word_on_units():
-    with pytest.raises(ArgumentError, match=r"edges of the source are too long.*check the unit"):
+    with pytest.raises(ArgumentError, match=r"wavelengths along all edges.*check the unit"):
         pw.amplitude(pw.shapes.square(1.0), (0.0, 0.0, 1.0), 1e-10)
 
 

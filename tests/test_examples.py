@@ -46,8 +46,8 @@ def test_the_python_of_a_page_runs(page, tmp_path, imported):
     assert done == "0\n", (tmp_path / "error").read_text(encoding="utf-8")
 
 
-# A process that has imported the libraries of all pages forks a child for each script. Only
-# children import Dr.Jit, because its threads do not survive a fork.
+# A process that has imported the libraries of all pages forks a child for each script. Only the
+# children import Dr.Jit, because the threads of Dr.Jit do not survive a fork.
 SPLITTING = """
 import os, runpy, signal, sys, traceback
 import matplotlib.pyplot, numpy, shapely, polywigner

@@ -70,7 +70,7 @@ def browser(address, tmp_path_factory, leave_out):
     chromium.quit()
 
 
-# Elements are in shadow trees, so models are found through Bokeh's document.
+# The elements of the page are in shadow trees, so their models are found through Bokeh's document.
 MODELS = """
 const doc = Bokeh.documents[0]
 const named = (name) => doc.get_model_by_name(name)

@@ -82,7 +82,7 @@ def test_the_views_of_a_square_have_its_closed_forms():
     overlap = side * triangle
     expected = side * overlap * np.sinc(ambiguity["y"][:, None] * overlap)
     np.testing.assert_allclose(np.abs(ambiguity["values"]), np.abs(expected), atol=1e-15)
-    # W(0, nu) = 4 F(2 nu) of the square
+    # For the square, W(0, nu) equals 4 F(2 nu).
     wigner = compute_view(SQUARE, "wigner_nu", samples).arrays
     nx, ny = np.meshgrid(wigner["x"], wigner["y"])
     expected = 4 * side**2 * np.sinc(2 * side * nx) * np.sinc(2 * side * ny)

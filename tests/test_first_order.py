@@ -11,9 +11,9 @@ import polywigner as pw
 from polywigner.errors import ArgumentError
 
 WAVELENGTH = 3.19e-3
-# Rounding of products of a few matrices with elements of order 1.
+# Rounding error of products of a few matrices with elements of order 1.
 ROUNDING = 1e-14
-# Relative to the area: rounding of coordinates, multiplied by derivatives of some 1e2 areas.
+# Error relative to the area: the rounding of coordinates, times derivatives of some 100 areas.
 MAPPED = 1e-12
 
 TEE = pw.Aperture(
@@ -152,7 +152,7 @@ def test_wigner_and_ambiguity_functions_are_constant_along_rays(source, system):
 
 
 def test_the_ambiguity_function_behind_a_system_is_the_transform_of_the_wigner_function():
-    """A = int int W exp(-2 pi i (upsilon.x - nu.xi)), by sums over a periodic lattice for slits."""
+    """A is the integral of W exp(-2 pi i (upsilon.x - nu.xi)), a sum over a periodic lattice."""
     slits = pw.Slits([(-1.0, 0.4), (0.7, 1.1)])
     system = pw.FirstOrder.free_space(0.3) @ pw.FirstOrder.lens(0.8)
     how = {"through": system, "wavelength": 1.0}
@@ -166,7 +166,8 @@ def test_the_ambiguity_function_behind_a_system_is_the_transform_of_the_wigner_f
     xi, upsilon = 0.25, -0.4
     kernel = np.exp(-2j * np.pi * (upsilon * out_x - out_nu * xi))[..., 0]
     total = (w * kernel).sum() * (x[1] - x[0]) * (nu[1] - nu[0])
-    # W decreases as 1/nu at some points; the lattice truncates some thousandths.
+    # W decreases as 1/nu at some points, so the finite lattice omits some thousandths of the
+    # integral.
     assert total == pytest.approx(pw.ambiguity(slits, [upsilon], [xi], **how), abs=5e-3)
 
 

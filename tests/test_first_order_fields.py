@@ -22,7 +22,7 @@ SHAPES = {
     ),
     "TE10 square": SQUARE.with_illumination(pw.cosine_taper(10e-3)),
 }
-# Error relative to the references.
+# Error relative to the reference values.
 REFERENCED = 1e-10
 # Quadrature error relative to the largest field.
 QUADRATURE = 1e-11
@@ -93,7 +93,7 @@ def test_collins_integral_of_the_references(case):
 
 @pytest.mark.parametrize("case", REFERENCE["curved_fourier"], ids=lambda c: c["shape"])
 def test_a_lens_and_its_focal_plane_give_the_transform_of_a_curved_wave(case):
-    """F of u exp(i pi |x|^2/(lambda radius)) is a lens of f = -radius and a Fourier transformer."""
+    """A curved wave before a Fourier transform is equivalent to a lens of f = -radius."""
     system = pw.FirstOrder.fourier(1.0) @ pw.FirstOrder.lens(-case["radius"])
     nu, source = np.array(case["nu"]), SHAPES[case["shape"]]
     field = pw.amplitude(source, WAVELENGTH * nu, WAVELENGTH, through=system, tolerance=1e-12)
@@ -151,7 +151,7 @@ def test_fields_close_to_an_image_and_to_a_focus_pass_over_into_them():
 def test_irradiance_is_the_wigner_functions_marginal(through):
     """int W dnu along the ray from each x of the source, with nu from y = A x + lambda B nu."""
     source, y = SQUARE, points(4, 6e-3)
-    # For a square, W has kinks at x = 0 and y = 0 only.
+    # For a square, W has kinks only at x = 0 and y = 0, so each quadrant has its own Gauss rule.
     at, weights = np.polynomial.legendre.leggauss(70)
     side = np.concatenate([(at - 1), (at + 1)]) * 2.5e-3
     grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
@@ -180,7 +180,7 @@ def test_irradiance_is_the_wigner_functions_marginal(through):
         ({"through": [SPACE, SQUARE, LINE]}, "along one axis.*move the points"),
         (
             {"through": [SPACE, pw.shapes.square(1e3), SPACE]},
-            "pairs of a quadrature node and a point",
+            "pairs of a quadrature node on the stop and a point",
         ),
         ({"source": pw.Slits([(0.0, 1.0)])}, "Slits"),
         (
@@ -246,7 +246,7 @@ STEERED = pw.phased_array(pw.shapes.square(3e-3), [(-3e-3, 0.0), (2e-3, 1e-3)], 
     ids=["triangle", "waves", "hole", "array"],
 )
 def test_a_stop_can_be_integrated_over_first(source, stop):
-    """The other order of integration: source nodes, each with a chirp transform of the stop."""
+    """In the other order of integration, each source node has a chirp transform of the stop."""
     source = SOURCES[source]
     first = pw.FirstOrder.free_space(0.04) @ pw.FirstOrder.lens(0.1)
     last = pw.FirstOrder.free_space(0.06)
@@ -255,7 +255,7 @@ def test_a_stop_can_be_integrated_over_first(source, stop):
     x, field = nodes_on(source, 36)
     (b1, b2), k = (first.B[0, 0], last.B[0, 0]), np.pi / WAVELENGTH
     lens = pw.FirstOrder.lens(-1 / (first.D[0, 0] / b1 + last.A[0, 0] / b2))
-    # F of the stop with a chirp, at (x/b1 + y/b2)/lambda.
+    # The inner integral is F of the stop times a chirp, at (x/b1 + y/b2)/lambda.
     inner = pw.FirstOrder.fourier(1.0) @ lens
     waves = pw.amplitude(stop, x[:, None] / b1 + y / b2, WAVELENGTH, through=inner)
     ends = first.A[0, 0] / b1 * (x * x).sum(axis=1)[:, None]
@@ -266,7 +266,7 @@ def test_a_stop_can_be_integrated_over_first(source, stop):
 
 
 def test_stops_in_images_cut_outlines():
-    """Stops in the plane of the points, in the plane of the source, and in an image of it."""
+    """The stops are in the plane of the points, in the plane of the source, and in its image."""
     image = FOURIER @ FOURIER @ pw.FirstOrder.magnifier(0.5)
     y, window = points(30, 6e-3), pw.shapes.rectangle(2e-3, 3e-3)
     cases = [(source, [image], window) for source in (TAPERED, PAIR, MIXED, CURVED)]
@@ -300,7 +300,7 @@ def test_two_stops_pass_the_power_that_lands_in_them():
 
 
 def test_a_mixture_passes_stops_wave_by_wave():
-    """The mean over tilts, whose standard deviation is 1/(2 pi width) along each axis."""
+    """The field is a mean over tilts with the standard deviation 1/(2 pi width) along each axis."""
     y, width = points(4, 2e-4), 3e-4
     square, way = pw.shapes.square(2e-4), [FOURIER, pw.shapes.square(5e-4), FOURIER]
     result = pw.irradiance(square.partially_coherent(width), y, SHORT, through=way, tolerance=1e-5)

@@ -12,9 +12,11 @@ from oracles.meshes import hollow, moved
 from oracles.references import DATA, numpy_and_few
 from oracles.sources import CUBE, SOURCES, content, frequencies, points_of
 
-# Stated accuracy relative to the area or volume, 1e-13 and 1e-6; measured: 2.3e-15 and 6e-7.
+# Limits of the error relative to the area or volume. The documentation states 1e-13 and 1e-6, and
+# the measured errors are 2.3e-15 and 6e-7.
 ERROR = {"double": 1e-14, "single": 1e-6}
-# Walls of 1e-2 diameters: the signed fan of a body covers its volume 33 times.
+# Factor of the error for a body with walls of 0.01 diameters, because the signed tetrahedra cover
+# its volume 33 times.
 CAVITY = 33
 
 
@@ -24,7 +26,7 @@ def _data():
         return dict(archive)
 
 
-# Number of stored frequencies that are computed anew.
+# Only every seventh of the stored frequencies is computed anew.
 _EVERY = 7
 
 
@@ -53,7 +55,7 @@ def _allowed(kind, precision):
     ("kind", "precision", "engine"),
     numpy_and_few(
         itertools.product(SOURCES, ERROR),
-        # Needles, plates and concave bodies have the formula of convex bodies.
+        # Needles, plates and concave bodies use the same formula as convex bodies.
         [
             (kind, "double")
             for kind in SOURCES
@@ -70,7 +72,7 @@ def test_frequencies_of_all_sizes_and_directions(kind, precision, engine):
 
 
 def test_a_thin_wall_costs_as_many_digits_as_its_surface_exceeds_its_volume():
-    """The limit in docs/accuracy.md: 2e-16 D surface/volume."""
+    """The limit in docs/accuracy.md is 2e-16 D surface/volume."""
     rng = np.random.default_rng(2)
     for wall in (1e-1, 1e-3, 1e-5):
         body = moved(hollow(CUBE, CUBE.vertices * (1 - 2 * wall) + wall), 0.3, 0.1, 0.2)
@@ -80,7 +82,7 @@ def test_a_thin_wall_costs_as_many_digits_as_its_surface_exceeds_its_volume():
 
 
 def test_a_thin_outline_costs_as_many_digits_as_its_perimeter_exceeds_its_area():
-    """The limit in docs/accuracy.md: 2e-16 D perimeter/area."""
+    """The limit in docs/accuracy.md is 2e-16 D perimeter/area."""
     rng = np.random.default_rng(4)
     for width in (1e-2, 1e-4, 1e-6):
         ring = pw.Aperture([[0, 0], [1, 0], [1, width], [width, width], [width, 1], [0, 1]])
@@ -133,7 +135,7 @@ def test_a_point_beside_its_place_in_a_grid_is_seen():
 
 
 def test_an_array_on_a_grid_is_the_sum_of_its_elements():
-    """Equal outlines, and one element in another pose."""
+    """The array has elements with equal outlines, and one element in another pose."""
     rng, hexagon = np.random.default_rng(3), pw.shapes.regular_polygon(6, 0.55)
     places, weights = rng.uniform(-5, 5, (12, 2)).round(1), np.exp(6j * rng.random(13))
     tilted = np.eye(4)

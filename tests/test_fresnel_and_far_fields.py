@@ -51,11 +51,11 @@ def test_fields_of_a_rectangle_are_products_of_fresnel_integrals(kappa, engine):
 
 
 def test_the_intensity_is_the_wigner_function_along_parallel_rays():
-    """|U|^2 (lambda z)^2 is the integral of W(x, (x' - x)/(lambda z)) over the automean."""
+    """The integral of W(x, (x' - x)/(lambda z)) over the positions x is |U|^2 (lambda z)^2."""
     triangle = pw.Aperture([(-1.0, -0.8), (1.3, -0.5), (-0.2, 1.1)])
     a, b, c = triangle.rings[0]
     middles = np.array([(a + b) / 2, (b + c) / 2, (c + a) / 2])
-    # W has kinks on lines through edge midpoints: four triangles, each divided by its medians.
+    # W has kinks on lines through edge midpoints, so four triangles are divided by their medians.
     corners = [
         (a, middles[0], middles[2]),
         (b, middles[1], middles[0]),
@@ -86,7 +86,7 @@ def test_near_the_axis_exact_fields_come_close_to_fresnels(method, share):
 
 @pytest.mark.filterwarnings("ignore:.*error above the tolerance")
 def test_just_behind_the_source_parabolic_waves_are_as_good_as_the_phases_of_its_edges():
-    """1e7 and 1e9 cycles along an edge have ulps of 1e-9 and 1e-7 cycles."""
+    """Phases of 1e7 and 1e9 cycles along an edge have ulps of 1e-9 and 1e-7 cycles."""
     points = np.array(
         [(0.3, 0.2, 1e-7), (1.5 - 1e-4, 0.2, 1e-7), (1.5, 0.2, 1e-9), (2.0, 0.2, 1e-9)]
     )
@@ -153,7 +153,7 @@ BESIDE = [(0.0, 0.0), (0.5e-3, 0.1e-3), (0.5e-3, 0.5e-3), (0.5e-3 + 1e-9, 0.2e-3
 
 @pytest.mark.parametrize("z", [20.0, 0.5, 5e-3, 1e-4, 1e-5])
 def test_optical_fields_on_edges_corners_and_close_by_are_those_of_fresnel_integrals(z):
-    """Fresnel numbers from 0.025 to 50,000."""
+    """The Fresnel numbers are 0.025 to 50,000."""
     count = 5 if z > 1e-4 else 3
     points = np.array([(*place, z) for place in BESIDE[:count]])
     square = pw.shapes.square(SIDE)

@@ -10,7 +10,8 @@ import polywigner as pw
 from oracles.poses import pose as facing
 
 EXACT = ("rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff")
-# Distance in Fraunhofer distances 2 D^2/wavelength; quadratic phases are 1e-3 rad.
+# Distance, in units of the Fraunhofer distance 2 D^2/wavelength, at which quadratic phases are 1e-3
+# rad.
 FAR = 1000.0
 # Error in dB due to quadratic phases of a curved source; 1e-6 dB for flat sources.
 DECIBELS = 1e-3
@@ -45,7 +46,7 @@ def along(angle):
 def placed(angle, other, distance):
     """Return the pose of a source at a distance, with these angles to the line of sight."""
     pose = facing(*(distance * along(angle)), angle - other)
-    # The first source is at the other angle from there.
+    # As seen from the second source, the first source is at the angle ``other``.
     assert np.allclose(-pose[:3, :3].T @ along(angle), along(other))
     return pose
 
@@ -78,7 +79,7 @@ def test_far_away_a_coupling_is_friis_with_directivities(name, obliquity):
 
 @pytest.mark.parametrize("name", LINKS)
 def test_a_small_plate_far_away_echoes_by_the_radar_equation(name):
-    """|b|^2 = G^2 lambda^2 sigma/((4 pi)^3 r^4) for a plate across the line of sight."""
+    """For a plate across the line of sight, |b|^2 = G^2 lambda^2 sigma/((4 pi)^3 r^4)."""
     source, diameter, angle, _ = LINKS[name]
     distance = FAR * 2 * max(diameter, 2.0) ** 2
     plate = square(1.4)

@@ -13,9 +13,9 @@ pytestmark = pytest.mark.llvm
 
 SQUARE = pw.shapes.square(1.0)
 CHEVRON = pw.shapes.chevron(2.0, 1.2, 0.4)
-# Number of launches of each kernel.
+# Allowed difference between repeated calls, which launch the same kernel.
 EXACT = 0.0
-# Error in double precision relative to the area.
+# Rounding error in double precision, relative to the area.
 ROUNDING = 1e-12
 
 

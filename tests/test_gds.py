@@ -9,7 +9,7 @@ import pytest
 import polywigner as pw
 from polywigner.errors import ArgumentError, FileFormatError, GeometryError
 
-# GDSII has integer database units, which the reader converts with rounding errors.
+# Rounding error of the conversion from the integer database units of GDSII.
 ROUNDING = 1e-12
 
 
@@ -90,7 +90,7 @@ def test_a_polygon_of_one_point_is_none(tmp_path):
     assert pw.read_aperture(path).area == pytest.approx(25e-12)
 
 
-# Raw records, because gdstk writes neither points nor absolute widths.
+# Tests write raw records, because gdstk writes neither points nor absolute widths.
 
 
 def _record(kind: int, data: bytes = b"") -> bytes:
@@ -99,7 +99,7 @@ def _record(kind: int, data: bytes = b"") -> bytes:
 
 
 def _real(value: float) -> bytes:
-    """Return eight bytes: sign and exponent of 16, then 56 bits of the fraction."""
+    """Return a real number as eight bytes: sign, exponent of 16, and 56 bits of the fraction."""
     exponent = 0
     while value >= 1:
         value, exponent = value / 16, exponent + 1
@@ -161,7 +161,7 @@ def test_a_path_with_a_repeated_point_is_that_without(tmp_path):
 
 @pytest.mark.parametrize(("width", "area"), [(500, 4 * 10 * 0.5 * 4), (-500, 4 * 10 * 0.5)])
 def test_a_negative_width_is_not_scaled(tmp_path, width, area):
-    """A path of width 10 in two nested cells, each scaled by 2."""
+    """The path has a width of 10 and is in two nested cells, each scaled by 2."""
     cells = {"P": _path([(0, 0), (10000, 0)], width, 0), "Q": _reference("P", (0, 0), 2.0)}
     path = written(tmp_path / "a.gds", **cells, TOP=_reference("Q", (0, 0), 2.0, 30.0))
     assert pw.read_aperture(path).area == pytest.approx(area * 1e-12, rel=1e-6, abs=0.0)

@@ -22,7 +22,7 @@ WELD = 64 * 2.0**-52
 
 
 def _reach(aperture):
-    """Return the largest change of area by moving the outline by the welding tolerance."""
+    """Return the largest change of the area if the outline moves by the welding tolerance."""
     return WELD * float(np.abs(aperture.bounds).max()) * aperture.polygons.length
 
 
@@ -172,7 +172,7 @@ def test_a_hole_may_touch_the_outer_edge_in_a_point_at_any_angle(angle):
 
 
 def test_subnormal_coordinates_count_as_zero():
-    """A rotation by a subnormal angle has such vertices."""
+    """A rotation by a subnormal angle gives subnormal coordinates."""
     assert Aperture(rotated(square_at(0, 0), 5e-324)) == Aperture(square_at(0, 0))
 
 
@@ -329,7 +329,7 @@ def test_a_pentagram_has_a_full_or_an_empty_heart():
     angle = 2 * np.pi * np.arange(5) * 2 / 5
     ring = np.column_stack([np.cos(angle), np.sin(angle)])
     full, empty = (Aperture.from_ring(ring, winding=rule) for rule in ("nonzero", "evenodd"))
-    # Circumradius of the inner pentagon, and the tips as triangles on its sides.
+    # The inner pentagon has this circumradius, and the tips are triangles on its sides.
     inner = math.cos(2 * math.pi / 5) / math.cos(math.pi / 5)
     heart = 2.5 * inner**2 * math.sin(2 * math.pi / 5)
     assert full.area == pytest.approx(5 * inner * math.sin(math.pi / 5), rel=1e-13)

@@ -12,10 +12,10 @@ from outlines import CHEVRON, apertures, cells, inside_rings, poses, relaxed, sa
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, automean, lag_slice, position_slice, shapes, triangulate
 
-# Outlines are rounded to 2^-44 of the size, or of the distance from the origin.
+# Tolerance of outlines, which are rounded to 2^-44 of the size or of the distance from the origin.
 GRID = 2.0**-43
 
-# Shapely clips slices in double precision.
+# Tolerance of slices that Shapely clips in double precision.
 CLIPPING = 1e-13
 
 
@@ -52,7 +52,7 @@ def test_a_convex_aperture_is_its_own_automean(sides, radius, pose):
 @relaxed
 @given(cells(), poses())
 def test_the_automean_of_tiles_has_no_cracks_and_no_slivers(tiles, pose):
-    """Midpoints of unit cells form cells of half the pitch: areas are multiples of 1/4."""
+    """Midpoints of unit cells form cells of half the pitch, so areas are multiples of 1/4."""
     aperture = Aperture([pose(tile) for tile in tiles])
     side = np.hypot(*np.subtract(*pose(tiles[0])[:2]))
     mean = automean(aperture)
@@ -113,7 +113,7 @@ def test_slices_of_a_rectangle_are_the_rectangles_of_the_closed_form(x, y):
 @relaxed
 @given(apertures())
 def test_slices_are_symmetric_about_their_origin(aperture):
-    """xi -> -xi exchanges the copies: lag slices and position slices are even."""
+    """A change of the sign of xi exchanges the copies, so lag and position slices are even."""
     x = aperture.convex_cover[0].mean(axis=0)
     lags = lag_slice(aperture, x)
     flipped = shapely.transform(lags, np.negative)
@@ -138,7 +138,7 @@ def test_a_point_has_two_finite_components(point):
             cut(shapes.square(1.0), point)
 
 
-# Fraction of the area that a half-plane of a piece may exclude.
+# Largest fraction of the area that a half-plane of a piece may exclude.
 DENT = 2.0**-48
 
 

@@ -11,10 +11,11 @@ import pytest
 import polywigner as pw
 from polywigner.errors import FileFormatError
 
-# Rounding of sums of some hundred vertices, scaled from mm to metres.
+# Rounding error of sums over some hundred vertices, scaled from mm to metres.
 ROUNDING = 1e-12
 
-# Distance of chords from arcs in metres; times the length of the arcs, a bound of the area.
+# Largest distance of chords from arcs [m]. This distance times the length of the arcs bounds the
+# error of the area.
 TOLERANCE = 1e-9
 
 HEAD = "G04 A board*\n%FSLAX33Y33*%\n%MOMM*%\n"

@@ -11,7 +11,8 @@ import polywigner as pw
 pytestmark = [pytest.mark.llvm, pytest.mark.slow]  # complete optimisations
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
-# Float32 gradients against float64 differences, relative to the largest component.
+# Largest difference between float32 gradients and float64 differences, relative to the largest
+# component.
 DIFFERENCES = 1e-4
 
 

@@ -45,7 +45,7 @@ def test_fourier_transform_of_a_placed_aperture_with_waves():
 
 # Two independent methods agree within 6.5e-16 of the area.
 
-# Stated accuracy relative to the area.
+# Accuracy that the documentation states, relative to the area.
 TOLERANCE = 1e-12
 # Error of the oracles relative to independent values.
 ORACLE_TOLERANCE = 2e-15
@@ -87,7 +87,7 @@ def _at_real_frequencies(cases):
 
 
 def _frequencies(cases):
-    """The file has exp(+i q.r) instead of exp(-2 pi i nu.x)."""
+    """Return frequencies nu: the file has exp(+i q.r) instead of exp(-2 pi i nu.x)."""
     return np.array([[real for real, _ in case["q"][:2]] for case in cases]) / (-2 * math.pi)
 
 

@@ -6,7 +6,7 @@ import pytest
 import polywigner as pw
 from polywigner.errors import ArgumentError, IlluminationError
 
-# Rounding of sums of up to 33 waves, relative to a field of size 1.
+# Rounding error of sums of up to 33 waves, relative to a field of modulus 1.
 ROUNDING = 1e-14
 
 A, B = 10e-3, 6e-3  # lengths along x and y
@@ -90,7 +90,7 @@ def test_a_mode_of_a_guide_is_the_product_of_its_half_periods(m, n):
         np.testing.assert_allclose(across(x), np.cos(m * u) * np.sin(n * v), atol=ROUNDING)
 
 
-# Stretching the zeros lowers the first sidelobe by up to 0.63 dB.
+# Tolerance of the first sidelobe [dB]. Stretching the zeros lowers this sidelobe by up to 0.63 dB.
 TAYLOR_TOLERANCE = 0.7
 
 
@@ -171,7 +171,7 @@ def test_fields_are_subtracted_and_divided_as_numbers_are():
 
 
 ANGLE = 0.7
-# Rounding of vertices and frequencies, for W and for fields of a few waves.
+# Error due to the rounding of vertices and frequencies, for W and for fields of a few waves.
 TURNED = 1e-13
 
 

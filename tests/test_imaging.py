@@ -22,7 +22,7 @@ def rectangle(low: Any, high: Any) -> pw.Aperture:
 
 
 def segment(low: float, high: float, nu: float) -> complex:
-    """int exp(-2 pi i nu x) over an interval."""
+    """Return the integral of exp(-2 pi i nu x) over an interval."""
     size = max(0.0, high - low)
     return size * np.sinc(nu * size) * np.exp(-1j * np.pi * nu * (low + high))
 
@@ -106,7 +106,7 @@ def test_small_condensers_are_coherent_and_large_ones_incoherent() -> None:
     wide = pw.shapes.square(10.0)
     incoherent = pw.transmission_cross_coefficient(pupil, wide, first, second, 0.3, 1.0)
     shift = pw.otf(pupil, first - second, 0.3, 1.0) * pupil.area / wide.area
-    # The origin of the pupil is halfway between both copies.
+    # The origin of the pupil is halfway between the two shifted copies.
     assert np.abs(incoherent) == pytest.approx(np.abs(shift), abs=EXACT)
 
 
@@ -168,7 +168,7 @@ LENS: Any = (PUPIL, CONDENSER, [(0.0, 0.0), (2e-6, 2e-6), (1e-6, 0.0)], WAVELENG
 def test_crossed_bars_are_their_union_and_their_overlap_is_refused() -> None:
     union = CROSSED[0] | CROSSED[1]
     dark = pw.partially_coherent_image(union, (6e-6, 6e-6), *LENS, transmission=0, background=1)
-    # The clear part next to the bars is a square in each period.
+    # In each period, the clear part next to the bars is a square.
     clear = pw.shapes.square(5e-6).moved((3e-6, 3e-6))
     expected = pw.partially_coherent_image(clear, (6e-6, 6e-6), *LENS)
     assert dark == pytest.approx(expected, abs=EXACT)
@@ -206,7 +206,7 @@ def test_a_mask_wider_than_its_period_may_leave_room_for_its_copies() -> None:
 @pytest.mark.parametrize("radius", [0.05, 50.0])
 def test_too_large_a_condenser_is_refused_with_both_numbers(radius: float) -> None:
     how: Any = (pw.shapes.square(3e-6), (6e-6, 6e-6), PUPIL, pw.shapes.disc(radius))
-    with pytest.raises(ArgumentError, match=r"orders of the mask pass the pupil: .*, at most 1448"):
+    with pytest.raises(ArgumentError, match=r"at most 1448 diffraction orders"):
         pw.partially_coherent_image(*how, [(0.0, 0.0)], WAVELENGTH, DISTANCE)
 
 
@@ -248,7 +248,8 @@ def test_tilts_of_all_segments_move_the_spot_and_pistons_do_not() -> None:
     x = np.random.default_rng(5).uniform(-0.02, 0.02, (20, 2))
     slope = np.array([4e-4, -2e-4])
     centres = np.array([part.centroid.coords[0] for part in MIRROR.polygons.geoms])
-    # A plane wave is a tilt of each segment, with steps between their centres.
+    # A plane wave is equivalent to a tilt of each segment, with pistons at the centres of the
+    # segments.
     tilted = pw.segmented_pupil(MIRROR, length, centres @ slope + 3e-5, slope)
     plain = pw.psf(MIRROR, x, length, focus)
     assert pw.psf(tilted, x + focus * slope, length, focus) == pytest.approx(plain, rel=1e-9)

@@ -23,7 +23,7 @@ FILES = {
     if (file := path.relative_to(PACKAGE).as_posix()) != "__init__.py"
 }
 
-# A subpackage may import from rows above its own only.
+# Subpackages in rows. A subpackage may import only from rows above its own row.
 ROOMS = [
     ("errors", "interruption"),
     ("quantities", "citations", "numerics"),
@@ -46,7 +46,7 @@ ROOMS = [
 ]
 LEVEL = {name: level for level, names in enumerate(ROOMS) for name in names}
 
-# Library -> subpackages that may import it.
+# Libraries, and the subpackages that may import each of them.
 HOMES = {
     "drjit": {
         "execution",
@@ -56,9 +56,10 @@ HOMES = {
     "mitsuba": {"mitsuba"},
 }
 
-# Files that run before the installation of libraries, or before the selection of LLVM.
+# Files that run before libraries are installed, or before LLVM is selected, and their permitted
+# imports.
 STANDARD_LIBRARY_ONLY = {
-    # require_drjit() imports drjit after the selection of LLVM.
+    # The function require_drjit() imports drjit after LLVM is selected.
     "llvm.py": ("polywigner.errors", "polywigner.interruption", "drjit"),
     "errors.py": (),
     "interruption.py": (),

@@ -13,7 +13,7 @@ from polywigner.errors import ArgumentError, PolywignerError, PolywignerWarning
 
 CONDITIONS = ("rayleigh-sommerfeld-1", "kirchhoff", "rayleigh-sommerfeld-2")
 
-# 10 mm at 94 GHz in wavelengths.
+# Side of 10 mm at 94 GHz, in wavelengths.
 SIDE = 10e-3 / (299792458 / 94e9)
 SQUARE = pw.shapes.square(SIDE)
 
@@ -38,10 +38,11 @@ SOURCES: dict[str, Any] = {
 VALUES = {v["id"]: v["value"] for v in read_json("propagation")["values"]}
 ACCURATE = 1e-6  # the rtol of the reference values
 
-# Order of the error in the distance, and its tolerance between 40 and 80 wavelengths.
+# Power of the distance with which the error decreases, and tolerance of this power between 40 and
+# 80 wavelengths.
 POWER, NEARLY = 2, 0.1
-# Kirchhoff's mean of both integrals has an error of the next lower order for waves in different
-# directions, which vanishes for symmetric sources.
+# Case with an error of the next lower order: Kirchhoff's integral for waves in different directions
+# from an asymmetric source.
 UNSYMMETRIC = ("array with waves", "kirchhoff")
 
 
@@ -139,7 +140,7 @@ def test_other_methods_give_the_square_of_the_field_at_least_to_the_tolerance(me
 
 
 def test_the_estimated_error_follows_from_that_of_the_amplitude():
-    """| |U + e|^2 - |U|^2 | <= (2 |U| + |e|) |e|."""
+    """The limit is | |U + e|^2 - |U|^2 | <= (2 |U| + |e|) |e|."""
     point = on_arc(8.0, [20.0, 70.0])
     for method in ("kirchhoff", "fraunhofer"):
         field, error = pw.amplitude_with_error(SQUARE, point, 1.0, method)
@@ -186,9 +187,9 @@ def test_the_sum_over_hundreds_of_wavelengths_is_right_or_refused():
     lobes = 2000.0 * on_arc(1.0, [30.04, 45.0, 45.02])
     result = pw.irradiance(strip, lobes, wavelength, tolerance=1e-7)
     exact = pw.irradiance(strip, lobes, wavelength, "rayleigh-sommerfeld-1", tolerance=1e-12)
-    # leading order, at 5 L^2/wavelength
+    # The tolerance allows for the error of the leading order at 5 L^2/wavelength.
     assert result == pytest.approx(exact, rel=1e-3, abs=0.0)
-    with pytest.raises(ArgumentError, match="too large for Wigner rays"):
+    with pytest.raises(ArgumentError, match="quadrature nodes for Wigner rays"):
         pw.irradiance(pw.shapes.square(1.0), (0.5, 0.0, 2.0), 1e-5)
 
 

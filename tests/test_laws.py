@@ -11,9 +11,11 @@ import polywigner as pw
 from oracles import kinds
 from oracles.references import numpy_and_few
 
-# Rounding relative to a bound of the function, in single precision also of phases.
+# Rounding errors relative to a bound of the function. In single precision, phases are rounded as
+# well.
 TOLERANCE = {"double": 2e-14, "single": 3e-6}
-# Rounding of positions at 7000 diameters from the origin, and interpolation of weight tables.
+# Larger errors, due to the rounding of positions at 7000 diameters from the origin or to the
+# interpolation of weight tables.
 LARGER = {
     "product, far away": 5e-13,
     "lattice of any weights": 2e-13,
@@ -21,7 +23,7 @@ LARGER = {
     "long row of any weights": 2e-13,
 }
 COHERENT = [name for name in laws.SOURCES if "partly" not in name]
-# Sources for compiled engines, on which a kernel takes half a second.
+# Sources for compiled engines, a few only because compiling a kernel takes half a second.
 COMPILED = [
     "chevron",
     "30-gon",
@@ -89,13 +91,15 @@ def test_the_stored_values_are_those_of_exact_slices(function):
         assert error <= 1e-15 * laws.scale_of(name, function)
 
 
-# Parts 60 diameters apart are too far for sums over positions; waves differ by up to 4 cycles.
+# Sources for sums over positions, without parts that are 60 diameters apart. The waves differ by up
+# to 4 cycles.
 INTEGRALS = [
     *("chevron", "two squares", "collection", "scattered", "three waves", "tapered slits"),
     *("row of slits", "overlapping", "leaning", "tapered, steered lattice"),
     *("row of slits, any weights", "curved", "partly coherent"),
 ]
-# Error of sums over 10^4 points of a function with kinks, relative to int |u|^2 times the area.
+# Error of sums over 10^4 points of a function with kinks, relative to the area times the integral
+# of |u|^2, and number of points.
 LATTICE, POINTS = 5e-4, 10946
 
 
@@ -110,7 +114,7 @@ def lattice(name):
 
 @pytest.mark.parametrize("name", INTEGRALS)
 def test_w_and_a_integrate_to_products_of_spectra_and_are_bounded_by_the_energy(name):
-    """int W exp(-2 pi i upsilon.x) dx = F(nu + upsilon/2) F*(nu - upsilon/2)."""
+    """The integral of W exp(-2 pi i upsilon.x) over x is F(nu + upsilon/2) F*(nu - upsilon/2)."""
     source, (low, size, unit, cell) = laws.source_of(name), lattice(name)
     d = len(low)
     nu = laws.elements_of(name)[0][1][0][1] + np.full(d, 0.4) / size.max()
@@ -144,7 +148,7 @@ def test_moving_turning_and_scaling_a_source_only_change_coordinates(name):
     scale = 1.0 if d == 1 else scale
     there = there.moved(shift)
     nu, phase = at.nu @ turn.T / scale, np.exp(-2j * np.pi * at.nu @ turn.T / scale @ shift)
-    # Positions where corners of the copies coincide are rounded again.
+    # The limit is larger, because positions where corners of the copies coincide are rounded again.
     allowed = 1e-11 * scale**d * laws.scale_of(name, "wigner")
     w = pw.wigner(there, scale * at.x @ turn.T + shift, nu)
     assert np.abs(w - scale**d * pw.wigner(source, at.x, at.nu)).max() < allowed
@@ -180,7 +184,7 @@ def test_transfer_functions_have_the_properties_of_images_of_points(name, defocu
 
 @pytest.mark.parametrize(("name", "engine"), numpy_and_few(laws.SOURCES, COMPILED[3:6]))
 def test_the_autocorrelation_is_the_product_of_the_fields(name, engine):
-    """u(x + xi/2) u*(x - xi/2), times the degree of coherence."""
+    """The product is u(x + xi/2) u*(x - xi/2), times the degree of coherence."""
     source, at = laws.source_of(name), laws.hard_points(name)
     rng = np.random.default_rng(8)
     # Points close to coincident corners, up to the distance that slivers require.
@@ -215,8 +219,9 @@ def layouts(places, listed, sides):
     }
 
 
-# One source for each kernel with a loop over points: edges as code and by lists of pairs, one and
-# several frames, weights, products, lattices, tables, slits, curved and partially coherent light.
+# One source for each kernel with a loop over points. The kernels differ in edges as code or lists
+# of pairs, frames, weights, products, lattices, tables, slits, and curved and partially coherent
+# light.
 LAYOUTS = [
     *("chevron", "30-gon", "holes", "nearly parallel", "distant parts", "collection"),
     *("overlapping", "lattice"),
@@ -350,7 +355,7 @@ SLOW_IN_POINTS = ["30-gon", "steered", "tapered slits", "curved, partly coherent
     ],
 )
 def test_gradients_are_those_of_differences(name, function, changes):
-    """Derivatives in positions, lags, frequencies, vertices and weights."""
+    """The derivatives are in positions, lags, frequencies, vertices and weights."""
     import drjit as dr
     import drjit.llvm.ad as backend
 
@@ -411,7 +416,7 @@ def test_gradients_are_those_of_differences(name, function, changes):
     ],
 )
 def test_arrays_of_the_engine_give_arrays_of_the_engine_with_the_same_values(name, precision):
-    """Vectors and tensors, few samples that are recorded, and many samples that are sorted."""
+    """The arrays are vectors and tensors, with few recorded samples or many sorted samples."""
     import drjit.llvm as backend
 
     source, at, double = laws.source_of(name), laws.hard_points(name), precision == "double"

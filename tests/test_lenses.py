@@ -37,7 +37,7 @@ def test_its_fourier_transform_is_the_transfer_function(defocus):
     at its edges.
     """
     pupil = pw.shapes.square(4e-3)
-    # cos x + 0.4 sin 2x, times cos y: without symmetry in the sign of the defocus.
+    # The field (cos x + 0.4 sin 2x) cos y has no symmetry in the sign of the defocus.
     waves = [(s * (1 + n), t) for n in (0, 1) for s in (-1, 1) for t in (-1, 1)]
     field = [0.25] * 4 + [-0.1j * s for s in (-1, -1, 1, 1)]
     pupil = pupil.with_illumination(pw.Illumination(field, 125.0 * np.array(waves)))
@@ -70,7 +70,7 @@ def test_light_of_several_colours_is_their_mean():
 
 
 def test_a_square_pupil_has_the_triangle_of_its_overlap():
-    """1 - lambda f nu/D along its sides, zero from 200 cycles/mm."""
+    """The MTF is 1 - lambda f nu/D along the sides of the pupil, and zero from 200 cycles/mm."""
     nu = np.array([0.0, 50.0, 120.0, 200.0, 350.0])
     frequency = np.stack([1e3 * nu, 0 * nu], axis=-1)
     result = pw.mtf(SQUARE, frequency, 0.5e-6, 0.1)

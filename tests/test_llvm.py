@@ -70,7 +70,7 @@ def test_a_link_and_its_target_share_the_version_that_one_of_them_contains(tmp_p
     library(tmp_path, "libLLVM-16.so.1")
     (tmp_path / "libLLVM.so").symlink_to("libLLVM-16.so.1")
     assert module.version_of_name(str(tmp_path / "libLLVM.so")) == (16,)
-    # As on Ubuntu 24.04, where libLLVM-18.so links to llvm-18/lib/libLLVM.so.1.
+    # The links are those of Ubuntu 24.04, where libLLVM-18.so links to llvm-18/lib/libLLVM.so.1.
     library(tmp_path / "a", "libLLVM.so.1")
     (tmp_path / "libLLVM-18.so").symlink_to("a/libLLVM.so.1")
     assert module.version_of_name(str(tmp_path / "libLLVM-18.so")) == (18,)

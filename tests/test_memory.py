@@ -14,11 +14,12 @@ import polywigner as pw
 from oracles.references import numpy_and_few
 
 MIB = 1 << 20
-# MiB of two chunks in addition to the result; copies took 64 MiB more.
+# Largest memory for two chunks in addition to the result. Copies would take 64 MiB more.
 CHUNK = 40 * MIB
-# MiB of blocks of 2^19 samples in sums over elements or waves; all samples would take 200 to 450.
+# Largest memory for blocks of 2^19 samples in sums over elements or waves. All samples together
+# would take 200 to 450 MiB.
 BLOCK = 100 * MIB
-# Single precision, for a largest value of 3.
+# Rounding error in single precision, for values up to 3.
 ROUNDING = 1e-5
 
 
@@ -58,7 +59,7 @@ def peak_of(transform, *arguments, **how):
 
 
 def wait_for_threads():
-    """Wait until no memory is released any more; Dr.Jit does not report this event."""
+    """Wait until no more memory is released. Dr.Jit does not report when its threads are done."""
     before, quiet = -1, 0
     for _ in range(200):
         now = tracemalloc.get_traced_memory()[0]

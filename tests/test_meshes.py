@@ -24,7 +24,7 @@ from polywigner.errors import (
 
 DATA = Path(__file__).parent / "data" / "readers"
 
-# Rounding of sums of ten products, scaled to metres.
+# Rounding error of sums of ten products, scaled to metres.
 ROUNDING = 1e-12
 
 COMB = [(0, 0), (7, 0), (7, 4), (6, 4), (6, 1), (4, 1), (4, 5), (3, 5), (3, 1), (1, 1), (1, 3),
@@ -32,7 +32,7 @@ COMB = [(0, 0), (7, 0), (7, 4), (6, 4), (6, 1), (4, 1), (4, 5), (3, 5), (3, 1), 
 ARROW = [(0, 0), (4, 1), (0, 2), (1, 1)]
 SPIRAL = [(0, 0), (6, 0), (6, 6), (1, 6), (1, 2), (4, 2), (4, 4), (3, 4), (3, 3), (2, 3), (2, 5),
           (5, 5), (5, 1), (0, 1)]  # fmt: skip
-# Some corners lie on straight lines.
+# Ring with some corners that lie on straight lines between their neighbours.
 STRAIGHT = [(2, 0), (4, 0), (4, 3), (2, 3), (2, 2), (1, 2), (0, 2), (0, 0)]
 RINGS = {"comb": COMB, "arrow": ARROW, "spiral": SPIRAL, "straight": STRAIGHT}
 
@@ -207,7 +207,7 @@ def test_a_face_that_is_not_planar_is_warned_of_and_stays_closed(written) -> Non
     path = written("a.obj", obj(points, faces))
     with pytest.warns(PolywignerWarning, match="face 1 of the mesh is not planar"):
         volume = pw.read_polyhedron(path).volume
-    # the corner that is lifted carries a third or a sixth of the lid, by the diagonal
+    # The lifted corner belongs to one or to both triangles of the lid, depending on the diagonal.
     assert min(abs(volume * 1e9 - v) for v in (6 + 0.25 * 3 / 3, 6 + 0.25 * 6 / 3)) < 1e-9
 
 
@@ -275,7 +275,7 @@ APART = ((20, 0, 0), (22, 3, 4))
 
 @pytest.mark.parametrize("turned", list(itertools.product([False, True], repeat=4)))
 def test_each_closed_surface_is_oriented_by_what_lies_around_it(written, turned) -> None:
-    """A box with a cavity that contains another box, and a separate box, each inside out or not."""
+    """A box with a cavity, a box in the cavity and a separate box are each tested inside out."""
     boxes = [box(*ends, t) for ends, t in zip((OUTER, INNER, CORE, APART), turned, strict=True)]
     body = pw.read_polyhedron(written("a.stl", stl(np.concatenate(boxes))))
     assert body.volume == pytest.approx((729 - 125 + 9 + 24) * 1e-9, rel=ROUNDING, abs=0.0)
@@ -299,7 +299,7 @@ def test_a_surface_in_a_body_that_faces_the_same_way_is_warned_of(written) -> No
 
 @pytest.mark.parametrize("inverted", [False, True])
 def test_bodies_that_touch_or_overlap_are_no_cavities(written, inverted: bool) -> None:
-    """A box in a notch, along an edge, and half inside another box."""
+    """The boxes lie in a notch, along an edge, and half inside another box."""
     notched = prism([(0, 0), (9, 0), (9, 9), (6, 9), (6, 6), (3, 6), (3, 9), (0, 9)], 9)
     triangles = pw.Polyhedron(*notched)
     notch = triangles.vertices[triangles.triangles]
@@ -326,7 +326,7 @@ def test_a_box_has_its_volume_and_its_transform_is_a_product_of_sinc(written, ki
 
 
 def test_a_pierced_body_keeps_its_tunnel(written) -> None:
-    """A frame of 6 x 6 with a tunnel of 2 x 2 and a height of 1."""
+    """The body is a frame of 6 x 6 with a tunnel of 2 x 2 and a height of 1."""
     rings = [[(-s, -s), (s, -s), (s, s), (-s, s)] for s in (3, 1)]
     points = [(*p, z) for z in (0, 1) for ring in rings for p in ring]
     faces = []
@@ -376,7 +376,7 @@ def test_the_unit_says_what_one_stands_for(written) -> None:
 
 
 def test_polygons_become_triangles_and_texture_seams_close(written) -> None:
-    """A pyramid with a texture seam, along which vertices are repeated."""
+    """The body is a pyramid with a texture seam, along which vertices are repeated."""
     path = written(
         "pyramid.obj",
         b"mtllib missing.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv .5 .5 1\nv 0 0 0\nv -0 1 0\n"

@@ -29,7 +29,7 @@ from polywigner.mitsuba.plugins.samplers import Positions
 
 pytestmark = pytest.mark.drjit
 
-# h(theta) = g/cos(theta) of each obliquity.
+# Factor h(theta) = g/cos(theta) of the radiance, for each obliquity.
 FACTORS = {
     "rayleigh-sommerfeld-1": lambda c: c,
     "kirchhoff": lambda c: ((1 + c) / 2) ** 2 / c,
@@ -179,9 +179,10 @@ APERTURES = {
     ),
 }
 
-# Float32 tables, and rounding of a few hundred cumulated areas.
+# Error of float32 tables, and of a few hundred cumulated areas.
 ROUNDING = 1e-5
-# Error (1/200)^2 of quadratic functions on a grid of 200 x 200 midpoints.
+# Number of midpoints along each axis of a grid, and error of quadratic functions on this grid,
+# about (1/200)^2.
 GRID, GRID_ERROR = 200, 2e-3
 
 

@@ -57,13 +57,14 @@ SOURCES = {
     "different elements": DIFFERENT,
 }
 
-# Stated accuracy relative to the peak of the irradiance.
+# Accuracy that the documentation states, relative to the peak of the irradiance.
 ERROR = 1e-4
-# Positions in single precision move fringes.
+# Error due to positions in single precision, which move fringes.
 PLACES = 3e-4
 # Error of a render with equal samples: the size of a pixel.
 PIXEL = 1e-3
-# 64 x 64 strata of a sample, of which a shadow edge crosses 64.
+# Error of stratified samples. There are 64 x 64 strata with one sample each, and a shadow edge
+# crosses 64 of them.
 STRATA = 1 / 64
 
 
@@ -93,7 +94,8 @@ def floor_points(height, count=200):
     return points
 
 
-# Closer than the equivalent sources, and at their smallest distance.
+# Heights below, just above and far above the smallest distance at which equivalent sources are
+# used.
 HEIGHTS = (0.2 * WAVELENGTH, 2 * WAVELENGTH, 3.01 * WAVELENGTH, 0.05, 0.3, 5.0)
 
 
@@ -188,7 +190,7 @@ def test_near_by_the_cosine_is_the_mean_over_the_places_of_the_source(llvm):
 
 
 def test_behind_an_obstacle_the_seen_share_of_the_squared_field_counts(llvm):
-    """A screen halfway hides all points beyond 3 mm from the middle, or none."""
+    """A screen at half the distance hides all points beyond 3 mm from the centre, or none."""
     mi = use("llvm_ad_mono")
     height = 30.0
 
@@ -201,7 +203,7 @@ def test_behind_an_obstacle_the_seen_share_of_the_squared_field_counts(llvm):
         gc.collect()  # the next scene has the same kernels
         return seen
 
-    # cos^2 over 12 mm from -6 to -3: u + sin(2 pi u)/(2 pi) from -1/2 to -1/4
+    # Integral of cos^2 over 12 mm from -6 to -3 mm: u + sin(2 pi u)/(2 pi) from -1/2 to -1/4.
     share = 0.25 - 1 / (2 * np.pi)
     assert behind(-1.5) / behind(150.0) == pytest.approx(share, abs=STRATA)
 
@@ -265,7 +267,7 @@ def test_curved_waves_are_exact_near_and_far(llvm):
     assert (np.abs(seen - exact).max(axis=1) < ERROR * exact.max(axis=1)).all()
 
 
-# Relative to the standard deviation of 2^14 samples, exceeded once in ten thousand.
+# Limit in standard errors of 2^14 samples, exceeded once in ten thousand cases.
 SPREADS = 4.0
 CHEVRON = pw.shapes.chevron(5e-3, 5e-3, 2e-3)
 

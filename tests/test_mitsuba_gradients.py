@@ -17,9 +17,9 @@ PAIR = pw.Array(
 )
 DIRECT = {"type": "direct", "bsdf_samples": 0, "emitter_samples": 1}
 PRB = {"type": "prb", "max_depth": 2}
-# Steps of 1e-2 in float32 of curved functions, for renders with the same samples.
+# Error of differences with steps of 1e-2 in float32, for renders with the same samples.
 DIFFERENCES = 5e-3
-# Standard errors of the mean of the renders.
+# Limit in standard errors of the mean of the renders.
 DEVIATIONS = 4.5
 
 
@@ -59,7 +59,7 @@ def test_gradients_at_a_fixed_radiated_power_are_those_of_differences(
 ):
     """The derivative includes the radiated power N of the unscaled field.
 
-    Other outlines draw other samples, so that their differences are noisy.
+    Differences are noisy, because samples depend on the outline.
     """
     mi = use("llvm_ad_mono")
     scene, params = _scene(source, integrator, **how)

@@ -15,12 +15,13 @@ from polywigner.errors import PolywignerError, SceneError
 
 pytestmark = pytest.mark.drjit
 
-# Number of renders of a mean; 5 standard errors are exceeded once in some thousand (Student, 7
-# degrees of freedom).
+# Number of renders that are averaged, and limit in standard errors, which is exceeded once in some
+# thousand cases (Student's t with 7 degrees of freedom).
 RENDERS, ERRORS = 8, 5.0
 # Accuracy of |U|^2 relative to its peak.
 EXACT = 3e-4
-# Near-field error of fog at 1.6 to 2.4 times 2 D^2/wavelength (measured: 0.5 %).
+# Relative near-field error for fog at 1.6 to 2.4 times 2 D^2/wavelength. The measured error is 0.5
+# %.
 FOG = 0.01
 
 SITES = 0.6 * WAVELENGTH * (np.argwhere(np.ones((4, 4))) - 1.5)
@@ -95,7 +96,7 @@ def test_a_steered_receiver_weighs_the_side_that_it_points_to(axis):
 
 
 def test_the_reference_is_the_radar_equation_far_away():
-    """Cross sections 4 rho A cos^2 of a Lambertian plate, and 8/3 pi a^2 rho of a sphere."""
+    """The cross section is 4 rho A cos^2 of a Lambertian plate, or 8/3 pi a^2 rho of a sphere."""
     use("scalar_rgb")
     import receive_scene
 
@@ -128,7 +129,7 @@ def test_null_surfaces_are_not_the_first():
 
 @pytest.mark.llvm
 def test_large_numbers_of_samples_are_not_rounded_away():
-    """Samples of nearly equal weights in a large sum."""
+    """The test adds many samples of nearly equal weights."""
     mi = use("llvm_ad_mono")
     speck = pw.shapes.square(1e-3 * WAVELENGTH)
     name = "rayleigh-sommerfeld-2"
@@ -184,7 +185,7 @@ GAUSS = FILM.replace('<rfilter type="box"/>', "")
 WRONG = {
     "no film": (SOURCE + FREQUENCY, "the wigner_receiver sensor has no film"),
     "another filter": (SOURCE + FREQUENCY + GAUSS, "a box filter.*got GaussianFilter"),
-    "no source": (FREQUENCY + FILM, "parameter 'aperture' of a wigner_receiver sensor is missing"),
+    "no source": (FREQUENCY + FILM, "expected exactly one of aperture, source"),
     "a power": (
         SOURCE + FREQUENCY + FILM + '<string name="power" value="1 W"/>',
         "the wigner_receiver sensor has no parameter 'power'; its parameters are aperture",

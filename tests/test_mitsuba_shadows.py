@@ -26,8 +26,9 @@ pytestmark = pytest.mark.drjit
 
 HEIGHT = 10 * WAVELENGTH / MILLIMETRE
 SEEDS, SAMPLES = 8, 256
-# Mean of 16 squared t values with 14 degrees of freedom: the expectation is 1.2 and the standard
-# deviation 0.5, so that this limit is four standard deviations above.
+# Limit of the mean of 16 squared t values with 14 degrees of freedom. The expectation of this mean
+# is 1.2 and its standard deviation is 0.5, so the limit is four standard deviations above the
+# expectation.
 LARGEST_MEAN_SQUARE = 3.2
 
 
@@ -132,6 +133,6 @@ def test_a_source_without_a_surface_is_met_by_no_ray_and_moves():
         it = dr.zeros(mi.Interaction3f)
         it.p = mi.Point3f(0.0, 0.0, place + 20.0)
         ds, weight = scene.sample_emitter_direction(it, mi.Point2f(0.3, 0.6), True)
-        # visibility rays end up to 0.1 % of the distance before the source
+        # Visibility rays end before the source, by up to 0.1 % of the distance.
         assert np.array(ds.p, dtype=float).ravel()[2] == pytest.approx(place, abs=0.02)
         assert np.array(weight).ravel()[0] != 0

@@ -95,7 +95,7 @@ EVANESCENT = pw.shapes.chevron(10e-3, 10e-3, 4e-3).with_illumination(
 
 
 def by_pairs_of_waves(source, x, direction, factor):
-    """sum of c_m c_n* exp(2 pi i (k_m - k_n).x) F(nu - (k_m + k_n)/2, slice) g(p_m, p_n*, c)."""
+    """Sum c_m c_n* exp(2 pi i (k_m - k_n).x) F(nu - (k_m + k_n)/2, slice) g(p_m, p_n*, c)."""
     outline = source.with_illumination(None)
     lag_slice = pw.Aperture(pw.lag_slice(outline, x))
     amplitudes, kappa = source.illumination.amplitudes, source.illumination.frequencies
@@ -153,12 +153,12 @@ def test_another_wavelength_turns_the_waves_whose_obliquity_counts():
         evaluated(mi, emitter, x / MILLIMETRE, direction)
         for emitter in (changed, emitter_of(light(source, 0.8 * WAVELENGTH, **how)))
     )
-    # the wavelength is in single precision
+    # The limit is larger, because the wavelength is in single precision.
     assert np.abs(result - expected).max() < 10 * RADIANCE_ERROR * np.abs(expected).max()
 
 
 def test_scalar_variants_draw_waves_of_the_right_spread():
-    """Tilts of standard deviation 1/(2 pi width), and frequencies of the band."""
+    """Tilts have the standard deviation 1/(2 pi width), and frequencies are in the band."""
     mi = use("scalar_rgb")
 
     waves = DrawnWaves(mi, Mixture(8e-3, 20e9))

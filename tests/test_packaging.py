@@ -86,14 +86,14 @@ def test_the_address_is_the_same_everywhere():
         assert home in (ROOT / name).read_text(encoding="utf-8"), name
 
 
-# constraints.txt contains a tested version of each package in pyproject.toml.
+# The tool checks that constraints.txt contains a tested version of each package in pyproject.toml.
 
 sys.path.insert(0, str(ROOT / "tools"))
 
 import release  # noqa: E402
 from pin_versions import CONSTRAINTS, declared  # noqa: E402
 
-# Peers of benchmarks, which no test environment contains.
+# Packages that only benchmarks use; no test environment contains them.
 _NOT_TESTED = {"coxeter", "jax"}
 TEXT = CONSTRAINTS.read_text()
 LINES = [line for line in TEXT.splitlines() if not line.startswith("#")]

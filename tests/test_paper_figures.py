@@ -50,7 +50,7 @@ def check_emitters(values):
     theta = np.radians([0.0, 5, 12, 27, 40])
     sines = np.stack([np.sin(theta), 0 * theta, np.cos(theta)], axis=-1)
     exact = pw.radiant_intensity(square(), sines, WAVELENGTH)
-    # A raster of 25 cells, and linear interpolation between frequencies.
+    # The error is due to a raster of 25 cells, and to linear interpolation between frequencies.
     assert np.abs(intensity_by_fft(sines) - exact).max() < 0.02 * exact.max()
 
 

@@ -17,12 +17,13 @@ from polywigner.propagation.lag_sums import summed_over_pairs
 from polywigner.source.obliquities import CONDITIONS as BY_NAME
 
 WAVELENGTH = 1.0
-# Tolerance of (PC5) relative to the largest irradiance, and error of parabolic waves.
+# Tolerance of (PC5) in docs/coherence.md relative to the largest irradiance, and error of parabolic
+# waves.
 SPHERICAL, PARABOLIC = 1e-7, 2e-8
 TRIANGLE = np.array([(-3.0, -2.0), (4.0, -3.0), (1.0, 5.0)])
 OTHER = TRIANGLE[[0, 1, 2]] + [9.0, 0.0]
 TILT = np.array([0.1, -0.05])
-# Two triangles of the square from -1 to 1.
+# Two triangles that form the square from -1 to 1.
 HALVES = np.array([[(-1, -1), (1, -1), (1, 1)], [(-1, -1), (1, 1), (-1, 1)]])
 PLACES = np.random.default_rng(0).uniform(-8, 8, (6, 2))
 
@@ -49,7 +50,7 @@ def sampled(name: str, count: int) -> tuple[Any, Any, Any]:
     return curved, x, w * field * np.exp(1j * np.pi * ((x - [1.0, 0.0]) ** 2).sum(axis=1) / 30)
 
 
-# Sources and coherence widths.
+# Pairs of a source and a coherence width.
 CASES = [("plain", 1.5), ("waves", 5.0), ("curved", 5.0), ("array", 1.5)]
 
 

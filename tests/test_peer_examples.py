@@ -22,7 +22,8 @@ SINGLE = 1e-3
 ANGLES = np.radians([-60, -20, -5, 0, 10, 20, 30, 70])
 
 
-# dB between lobes of a body of 375 wavelengths, for directions in single precision.
+# Difference [dB] between lobes of a body of 375 wavelengths, because directions are in single
+# precision.
 LOBES = 0.02
 
 
@@ -30,8 +31,8 @@ LOBES = 0.02
 FRINGES = 5e-3
 
 
-# Relative to the peak with half a million rays: 2 % is one standard error of the brightest pixel;
-# one of two thousand pixels deviates by four standard errors.
+# Noise with half a million rays, relative to the peak. One standard error of the brightest pixel is
+# 2 %, and one of two thousand pixels deviates by four standard errors.
 NOISE = 0.08
 
 

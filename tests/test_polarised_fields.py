@@ -66,7 +66,7 @@ def dense(source: Any, point: np.ndarray, jones: np.ndarray, model: str) -> np.n
     return total
 
 
-# "huygens" contains the terms of both other models.
+# The model "huygens" contains the terms of both other models.
 cases = pytest.mark.parametrize(
     ("name", "model"), [("L", m) for m in MODELS] + [(n, "huygens") for n in SOURCES if n != "L"]
 )
@@ -82,7 +82,7 @@ def test_a_near_field_is_the_sum_of_its_dipoles(name: str, model: Any) -> None:
 
 @pytest.mark.parametrize("model", ["magnetic", "electric"])
 def test_power_through_a_near_hemisphere_is_the_radiated_power(model: Any) -> None:
-    """Poynting vector of near fields at a wavelength, against the pattern.
+    """The Poynting vector of near fields at one wavelength is compared with the pattern.
 
     Some power of Huygens currents leaves through the plane next to the source.
     """
@@ -100,7 +100,7 @@ def test_power_through_a_near_hemisphere_is_the_radiated_power(model: Any) -> No
 
 
 def test_the_magnetic_model_has_the_field_of_the_opening_along_the_plane() -> None:
-    """The tangential field is Rayleigh-Sommerfeld I times p: u p in the opening, zero elsewhere."""
+    """The tangential field is Rayleigh-Sommerfeld I times p: u p in the opening, zero outside."""
     source = SOURCES["steered taper"]
     result = pw.field(source, POINTS, 1.0, JONES, "magnetic", tolerance=1e-12)
     scalar = pw.amplitude(source, POINTS, 1.0, tolerance=1e-12)
@@ -112,7 +112,7 @@ def test_the_magnetic_model_has_the_field_of_the_opening_along_the_plane() -> No
 
 @models
 def test_a_curved_wave_of_large_radius_is_a_flat_one(model: Any) -> None:
-    """The algorithms differ: a sum over points for curved waves, and along edges for flat waves."""
+    """The algorithms are a sum over points for curved waves, and along edges for flat waves."""
     curved = ELL.curved(1e12, 1.0)
     flat = pw.field(ELL, POINTS, 1.0, "30 deg", model, tolerance=1e-12)
     result = pw.field(curved, POINTS, 1.0, "30 deg", model)

@@ -63,7 +63,7 @@ def test_a_receiver_weighs_the_near_fields_that_arrive(model: Any) -> None:
 
 @models
 def test_friis_holds_with_the_directivities_of_the_patterns(model: Any) -> None:
-    """Far away on the axis: both mismatches times both directivities times (lambda/4 pi r)^2."""
+    """The far power is both mismatches times both directivities times (lambda/4 pi r)^2."""
     distance = 1e4
     gains = [
         10 ** (pw.radiation_pattern(source, 1.0, 0.0, 0.0, polarisation="x", method=model)

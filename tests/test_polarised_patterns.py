@@ -50,7 +50,7 @@ def test_a_half_wave_dipole_and_slot_have_their_textbook_patterns() -> None:
 
 
 def test_a_horn_has_its_textbook_cuts() -> None:
-    """Balanis, aperture of a TE10 mode in free space: E-plane y, H-plane x."""
+    """The cuts are those of Balanis for a TE10 mode in free space, with E-plane y and H-plane x."""
     result = relative(pattern(HORN, polarisation="y", method="huygens"))
     s, lean = np.sin(THETA), (1 + np.cos(THETA)) / 2
     h_plane = np.cos(math.pi * 3.0 * s) / (1 - (2 * 3.0 * s) ** 2) * lean
@@ -61,7 +61,7 @@ def test_a_horn_has_its_textbook_cuts() -> None:
 
 
 def test_a_patch_has_its_textbook_cuts() -> None:
-    """Two radiating slots of magnetic current on a ground plane (Balanis, sec. 14.2)."""
+    """The patch is two slots of magnetic current on a ground plane (Balanis, sec. 14.2)."""
     width, length, height = 0.4, 0.33, 0.02
     slot = pw.shapes.rectangle(height, width)
     slots = pw.phased_array(slot, [(-length / 2, 0), (length / 2, 0)])
@@ -122,7 +122,7 @@ def test_circular_waves_are_ellipses_of_the_cosine_beside_the_axis() -> None:
 
 @models
 def test_directivity_counts_all_of_the_field(model: Any) -> None:
-    """The mean over all directions is 1, by another quadrature than the library's."""
+    """The mean of the directivity over all directions is 1, by an independent quadrature."""
     source = pw.shapes.triangle(1.1, 0.9).with_illumination(pw.steering((0.6, 0, 0.8), 1.0))
     node, weight = np.polynomial.legendre.leggauss(40)
     phi = 2 * np.pi * np.arange(60) / 60

@@ -32,12 +32,14 @@ from polywigner.figures import draw_polarisation, draw_stokes
 
 pytestmark = pytest.mark.drjit
 
-# Rounding of single precision in direct views; noise is common to all parameters of a pixel.
+# Rounding error of single precision in direct views. Noise is common to all Stokes parameters of a
+# pixel.
 ERROR = 1e-3
 ROOT = np.sqrt(0.5)
 JONES = {"x": (1, 0), "y": (0, 1), "45 deg": (ROOT, ROOT), "right": (ROOT, 1j * ROOT)}
 JONES["left"] = (ROOT, -1j * ROOT)
-# S3 > 0 is left-handed: clockwise rotation when viewed against the wave, as in Mitsuba.
+# Stokes parameters S1 to S3. As in Mitsuba, S3 > 0 is left-handed: the field rotates clockwise when
+# viewed against the wave.
 STOKES = {"x": (1, 0, 0), "y": (-1, 0, 0), "45 deg": (0, 1, 0), "right": (0, 0, -1)}
 STOKES["left"] = (0, 0, 1)
 PAIR = pw.Array([pw.shapes.square(5e-3).moved((s * 4e-3, 0)) for s in (-1, 1)], [1, 0.5j])
@@ -111,7 +113,7 @@ def test_beside_the_axis_the_field_turns_the_shortest_way(name: str, aside: Any)
 
 @pytest.mark.llvm
 def test_a_turned_polariser_passes_the_square_of_the_cosine() -> None:
-    """Malus' law."""
+    """The power follows Malus' law."""
     use("llvm_ad_mono_polarized")
     plate = {"type": "polarizer"}
     free = seen("x", inner="volpath")[0]
@@ -143,7 +145,8 @@ def test_a_metal_of_finite_index_turns_slants_into_the_ellipse_of_fresnel(name: 
     along = (index**2 * cosine - root) / (index**2 * cosine + root)  # for H, and thus for E = d x H
     across = (cosine - root) / (cosine + root)
     x, y = JONES[name]
-    # E in the plane of incidence: z x y = -x before, and -d' x y, the camera's right, behind.
+    # In the plane of incidence, E is along z x y = -x before the reflection, and along -d' x y, the
+    # camera's right, after the reflection.
     a, b = along * x, across * y
     both = 2 * a * np.conj(b)
     size = abs(a) ** 2 + abs(b) ** 2
@@ -198,7 +201,7 @@ def test_links_keep_the_share_of_power_in_the_receivers_polarisation() -> None:
 @pytest.mark.slow
 @pytest.mark.llvm
 def test_an_array_of_two_polarisations_has_the_pattern_of_the_sum_of_fields() -> None:
-    """Radiance times area in a direction: |F|^2, and the products of its two components."""
+    """Radiance times area is |F|^2 in a direction, and the products of the components of F."""
     use("llvm_ad_mono_polarized")
     s = np.array([0.25, 0.0, np.sqrt(1 - 0.25**2)])
     each = [pw.fourier(element, s[:2] / WAVELENGTH) for element in PAIR.elements]
@@ -208,7 +211,7 @@ def test_an_array_of_two_polarisations_has_the_pattern_of_the_sum_of_fields() ->
     expected = np.array([abs(x) ** 2 - abs(y) ** 2, both.real, both.imag]) / size
     camera = (s, (0, 0, 0))
     result = seen(["x", "right"], None, camera, PAIR, half=8e-3, size=64, spp=64)
-    # In the x-z plane, x is the camera's right and y is up.
+    # In the x-z plane, x is to the camera's right, and y is up.
     assert result[1:] / result[0] == pytest.approx(expected, abs=5e-3)
 
 

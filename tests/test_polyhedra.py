@@ -13,7 +13,7 @@ from oracles.references import ENGINES, read_json
 from oracles.sources import CUBE, rotation
 from polywigner.errors import ArgumentError, GeometryError
 
-# Relative to the volume or area.
+# Errors relative to the volume or area.
 TOLERANCE = {"double": 1e-13, "single": 2e-6}
 
 engines = pytest.mark.parametrize("engine", ENGINES)
@@ -172,6 +172,30 @@ def test_third_components_of_drjit_points_are_ignored_too():
     flat = pw.fourier(CHEVRON, backend.Array2f64([0.3, 1.0], [-0.2, 0.5]))
     deep = pw.fourier(CHEVRON, backend.Array3f64([0.3, 1.0], [-0.2, 0.5], [7.0, 0.0]))
     assert (np.array(flat.real) == np.array(deep.real)).all()
+
+
+@pytest.mark.llvm
+def test_placed_apertures_at_drjit_points_have_values_and_gradients():
+    import drjit as dr
+    import drjit.llvm.ad as backend
+
+    pose = np.array([[0.8, 0, 0.6, 0.3], [0, 1, 0, -0.2], [-0.6, 0, 0.8, 0.1], [0, 0, 0, 1.0]])
+    placed = CHEVRON.placed(pose)
+    nu = np.random.default_rng(0).normal(size=(20, 3))
+    expected = pw.fourier(placed, nu)
+    for _ in range(10):  # later calls repeat a recorded kernel
+        values = pw.fourier(placed, backend.Array3f64(nu.T.copy())).numpy()
+        assert np.abs(values - expected).max() < 1e-14 * CHEVRON.area
+    points = backend.Array3f64(nu.T.copy())
+    dr.enable_grad(points)
+    dr.backward(dr.sum(dr.real(pw.fourier(placed, points))))
+    h = 1e-5
+    slopes = [
+        (pw.fourier(placed, nu + step) - pw.fourier(placed, nu - step)).real / (2 * h)
+        for step in h * np.eye(3)
+    ]
+    # Central differences have errors of h^2, times the third derivative.
+    assert np.abs(np.array(points.grad) - slopes).max() < 1e-6 * CHEVRON.area
 
 
 @pytest.mark.parametrize(

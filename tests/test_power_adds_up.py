@@ -14,13 +14,13 @@ from mitsuba_scenes import KEPT, WAVELENGTH, emitter_of, use
 
 pytestmark = [pytest.mark.drjit, pytest.mark.llvm]
 
-# Number of renders of a mean; 3 standard errors are exceeded once in 100 tests (Student, 15 degrees
-# of freedom).
+# Number of renders that are averaged, and limit in standard errors, which is exceeded once in 100
+# tests (Student's t with 15 degrees of freedom).
 RENDERS, ERRORS = 16, 3.0
-# Error of exact light of 1e-4 of its peak. Signed weights have rare large values, whose errors have
-# another distribution (12 million samples: 4e-4 +- 1e-3).
+# Allowed bias by estimator. Exact light has errors of 1e-4 of its peak. Signed weights have rare
+# large values, so that their errors have another distribution (12 million samples: 4e-4 +- 1e-3).
 BIAS = {"exact": 1e-3, "wigner": 1e-2}
-# Largest noise of a test that must detect errors of per cents.
+# Largest noise of a test that must detect errors of a few per cent.
 NOISE = {"exact": 1e-3, "wigner": 1e-2}
 
 VARIANT = "llvm_ad_mono"
@@ -30,7 +30,7 @@ STEERED = pw.phased_array(
 )
 SQUARES = {f"{side} wavelengths": pw.shapes.square(side * WAVELENGTH) for side in (0.3, 1, 3, 10)}
 HORN = pw.shapes.rectangle(3 * WAVELENGTH, 2 * WAVELENGTH)
-# Waves in many directions have no slope.
+# These sources have waves in many directions, so their normal derivative is not defined.
 BENT = {
     "curved": HORN.curved(5 * WAVELENGTH, WAVELENGTH),
     "partly coherent": HORN.partially_coherent(WAVELENGTH),
@@ -146,7 +146,7 @@ def plate(mi):
 
 
 def passed(degrees, obliquity, estimator, back, samples):
-    """Return the power from 1 W at an end to the other end by a plate."""
+    """Return the power that reaches one end via a plate if the other end radiates 1 W."""
     mi = use(VARIANT)
     ends = [
         (source, towards(place, turn))

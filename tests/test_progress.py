@@ -22,7 +22,7 @@ class Terminal(io.StringIO):
 def terminal(monkeypatch):
     """Replace stderr by a terminal, and let calls draw a bar at once.
 
-    Not a fixture, because pytest replaces stderr between set-up and test.
+    This function is not a fixture, because pytest replaces stderr between set-up and test.
     """
     screen = Terminal()
     monkeypatch.setattr(sys, "stderr", screen)

@@ -31,7 +31,7 @@ BRUTE_TWICE = 0.15  # two sums over few frequencies smooth the step of |u|^2
 def _rule(source, kind, name, twice):
     """Return nodes and weights of an integral over one coordinate.
 
-    ``twice``: fewer nodes, because the integral is over another frequency as well.
+    With ``twice``, there are fewer nodes, because the integral is over another frequency as well.
     """
     low, high = _extents(source).get(name, (0.0, 0.0))
     if low < high:
@@ -112,7 +112,7 @@ def test_projections_of_tapered_sources_are_their_marginals():
         wide = dict.fromkeys(["nu_x", "nu_y"], np.linspace(-24, 24, 385))
         power = pw.projections(source, tiles=["nu_x_nu_y"], coordinates=wide)["nu_x_nu_y"]
         total = power.values.sum() * (48 / 384) ** 2
-        # Spectra of the jumps at the ends of y decrease as 1/nu^2: 3 % are beyond 24 cycles.
+        # The spectra of the jumps at the ends of y decrease as 1/nu^2, so 3 % are beyond 24 cycles.
         assert total == pytest.approx(pw.lag_marginal(source, (0, 0)).real, rel=0.04)
         kind = pw.projections(source, "ambiguity", tiles=["xi_x_xi_y"], samples=9)["xi_x_xi_y"]
         lags = np.stack(np.meshgrid(kind.xi_x.values, kind.xi_y.values, indexing="ij"), axis=-1)
@@ -122,7 +122,7 @@ def test_projections_of_tapered_sources_are_their_marginals():
 
 @pytest.mark.parametrize("name", ["x", "y"])
 def test_tiles_of_a_product_are_products_of_the_functions_of_slits(name):
-    """u(x, y) = f(x) g(y) on a rectangle; integrals over the functions of g are functions of g."""
+    """For u(x, y) = f(x) g(y), integrals over the functions of g are again functions of g."""
     waves = [
         ([1.0, 0.4j, -0.3 + 0.2j], [0.0, 0.71, -1.27]),
         ([0.8, 0.5 - 0.4j, 0.2], [1.3, -0.45, 7.0]),
@@ -163,7 +163,7 @@ def test_tiles_of_a_product_are_products_of_the_functions_of_slits(name):
     check("ambiguity", f"upsilon_{name}_xi_{across}", nu, lag, crossed)
 
 
-# Coordinates of a thousand diameters lose three digits.
+# Larger error, because coordinates of a thousand diameters lose three digits.
 FAR = 1e-11
 
 
@@ -206,7 +206,7 @@ def _assert_rounding_is_as_stated(source):
     check(source, "wigner", "x_nu_x", [_waves(_mirrored_overlap(source, at), nu).real for at in x])
     lifted = [[2 * float(_lifted_overlap(source, at, xi).area) for xi in axes["xi_y"]] for at in x]
     check(source, "autocorrelation", "x_xi_y", lifted)
-    # A involves opposite points, so that the other tiles are empty.
+    # A depends on opposite points, so the other tiles of this source are empty.
     centred = pw.Aperture(shapely.transform(source.polygons, lambda v: v - source.centre))
     flipped = [2 * _waves(_flipped_overlap(centred, xi), nu) for xi in axes["xi_x"]]
     check(centred, "ambiguity", "upsilon_x_xi_x", np.transpose(flipped))
@@ -316,7 +316,7 @@ def test_a_shift_moves_the_tiles_and_turns_those_of_the_ambiguity_function():
     lags = np.array([1e-9, 0.3, 0.5])
     result = tile(moved, "autocorrelation", "x_xi_y", x + shift[0], lags)
     assert np.abs(result - tile(source, "autocorrelation", "x_xi_y", x, lags)).max() < FAR
-    # A involves opposite points: only a shift along x keeps opposite rows.
+    # A depends on opposite points, and only a shift along x preserves opposite rows.
     aside = pw.Aperture(source.rings[0] + [1000.0, 0.0])
     turn = np.exp(-2j * np.pi * nu * 1000.0)[:, None]
     for name in ("upsilon_x_xi_x", "upsilon_x_xi_y"):
@@ -372,7 +372,7 @@ def test_coordinates_replace_the_samples_of_an_axis():
         ({"coordinates": {"x": [0, np.nan]}}, "finite numbers"),
         ({"coordinates": [0.0, 1.0]}, "coordinates to be a mapping"),
         ({"tiles": ["x_z"]}, 'each of the tiles to be one of "x_y"'),
-        ({"coordinates": {"x": np.arange(5000)}}, "up to 4096 values of x, got 5000"),
+        ({"coordinates": {"x": np.arange(5000)}}, "at most 4096 values of x, got 5000"),
     ],
 )
 def test_unusable_arguments_are_refused(arguments, message):

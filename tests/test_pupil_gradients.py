@@ -97,7 +97,7 @@ def test_derivatives_are_the_limits_of_differences(llvm: Any, name: str, source:
 
 
 def test_reverse_derivatives_lead_to_a_flat_wavefront(llvm: Any) -> None:
-    """Steps along the gradient raise the peak, and the gradient is zero at the flat wavefront."""
+    """Steps along the gradient raise the peak; the gradient is zero for a flat wavefront."""
     import drjit as dr
     from drjit.llvm.ad import Float64
 

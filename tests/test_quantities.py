@@ -76,7 +76,6 @@ BAD = [
     (parse_power, "10 Mw"),
     (parse_unit, "furlong"),
     (parse_point, "1 mm, 2 mm, 3 mm"),
-    (wavelength_of, 0),
 ]
 
 

@@ -39,9 +39,9 @@ SOURCES = {
 }
 sources = pytest.mark.parametrize("source", SOURCES.values(), ids=SOURCES)
 
-# Stated errors relative to int |u|^2 over lambda^2, and to int |u|^2.
+# Errors that the documentation states, relative to int |u|^2 over lambda^2 and to int |u|^2.
 ACCURACY = 1e-12
-# Rounding of Gauss-Legendre sums over panels of a few wavelengths in another order.
+# Rounding error of Gauss-Legendre sums over panels of a few wavelengths, in another order.
 ROUTES = 1e-12
 
 
@@ -106,7 +106,7 @@ def test_power_of_a_square_equals_the_integral_over_lags(wavelengths: float) -> 
 
 @sources
 def test_what_leaves_the_plane_anywhere_is_the_power(source: Any) -> None:
-    """int J_z dx = power, with midpoints of 1 mm cells; J_z jumps at the outlines."""
+    """The integral of J_z is the power. The sum over 1 mm cells has errors at jumps of J_z."""
     axis = np.arange(-17e-3, 19e-3, 1e-3) + 0.11e-3
     x = np.stack(np.meshgrid(axis, axis), axis=-1)
     wavelength = 3 * WAVELENGTH  # a ninth of the directions
@@ -119,8 +119,8 @@ def test_what_leaves_the_plane_anywhere_is_the_power(source: Any) -> None:
 def _flux_from_the_lag_slice(aperture: pw.Aperture, x: Any, kappa: Any) -> np.ndarray:
     """Return J of exp(2 pi i kappa.x) on an aperture, from kernels over the lag slice.
 
-    int s exp(-2 pi i nu.xi) dOmega/lambda^2 = J1(k rho)/(lambda rho) along z, and along the plane
-    i/lambda grad sin(k rho)/(k rho).
+    The kernel int s exp(-2 pi i nu.xi) dOmega/lambda^2 is J1(k rho)/(lambda rho) along z, and
+    i/lambda grad sin(k rho)/(k rho) along the plane.
     """
     triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(pw.lag_slice(aperture, x)))
     corners = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3]
@@ -203,7 +203,7 @@ def test_integrals_over_directions_of_too_many_wavelengths_are_refused(wavelengt
         lambda: pw.flux_vector(SQUARE, (0.0, 0.0), wavelength),
         lambda: pw.radiation_pattern(SQUARE, wavelength, [0.0], [0.0]),
     ):
-        with pytest.raises(ArgumentError, match="wavelengths wide"):
+        with pytest.raises(ArgumentError, match="wavelengths across a source"):
             call()
 
 

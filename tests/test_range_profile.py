@@ -21,7 +21,7 @@ from mitsuba_scenes import (
 from mitsuba_scenes import emitter as visible_emitter
 from polywigner.errors import ArgumentError, EngineError, MissingExtraError, SceneError
 
-# Not importorskip, because the import requires that a variant is set.
+# The test does not use importorskip, because importing mitransient requires a variant.
 HAS_RADAR = importlib.util.find_spec("mitransient") is not None
 pytestmark = [
     pytest.mark.drjit,
@@ -36,11 +36,11 @@ from polywigner.mitsuba.radar.range_film import require_transients  # noqa: E402
 LARGE = pw.shapes.square(100e-3)
 REFLECTANCE = 0.5  # Mitsuba's default
 
-# Mitsuba's film adds some thousand samples of a pixel in single precision.
+# Relative error of Mitsuba's film, which adds some thousand samples per pixel in single precision.
 STEADY = 1e-6
 # Limit in standard errors, which are known to 18 %.
 SIGMAS = 5.0
-# dB, for the fourth-power law.
+# Error of the fourth-power law [dB].
 LAW = 0.05
 
 
@@ -134,7 +134,8 @@ def test_a_small_patch_far_away_sends_what_quadrature_finds():
     half, distance = 0.25, 200.0
     pose = at(0.0, distance)
     scene = scene_of(tx=emitter(estimator="exact"), rx=receiver(LARGE), plate=plate(half, pose))
-    # The centre of a bin, because paths in single precision fall on both sides of an edge.
+    # The path has the range of the centre of a bin, because paths in single precision could fall on
+    # both sides of an edge.
     result = pm.range_profile(scene, np.arange(0.25, 250.5, 0.5), spp=2**22, seed=1)
     points, normal, areas = nodes(half, pose)
     radiance = REFLECTANCE / math.pi * lit(SQUARE, points, normal)
@@ -160,7 +161,7 @@ def test_two_bounces_in_a_dihedral_are_a_ghost_behind_it():
     result = pm.range_profile(scene, edges, spp=2**20, seed=2)
     is_ghost = result["range"].values > 11.1
     (a, normal_a, areas_a), (b, normal_b, areas_b) = (nodes(half, pose, 12) for pose in poses)
-    # Paths from the transmitter by both plates to the receiver, in both orders.
+    # The paths lead from the transmitter via both plates to the receiver, in both orders.
     between = a[:, None] - b
     apart = np.linalg.norm(between, axis=-1)
     cosines = -(between @ normal_a) * (between @ normal_b) / apart**2
@@ -216,7 +217,8 @@ def test_fog_spreads_over_its_depth():
     edges = np.linspace(10.0, 20.0, 6)
     result = pm.range_profile(scene, edges, spp=2**17, seed=1)
     power, error = result["power"].values, result["standard_error"].values
-    # Single scattering of a narrow beam: exp(-2 sigma (r - 10))/r^2 dr.
+    # The expected profile is that of single scattering of a narrow beam, exp(-2 sigma (r - 10))/r^2
+    # dr.
     r = np.linspace(10.0, 20.0, 5001)
     density = np.exp(-0.1 * (r - 10.0)) / r**2
     shape = np.add.reduceat(density[:-1], np.arange(0, 5000, 1000))
@@ -290,7 +292,7 @@ def test_direct_light_and_echoes_of_mirrors_fall_into_the_bins_of_their_paths():
 
 @pytest.mark.usefixtures("few_batches")
 def test_a_link_is_at_half_of_its_length():
-    """The line of sight from another source, beyond all bins and within them."""
+    """The test uses the line of sight from another source, beyond all bins and within the bins."""
     scene = scene_of(tx=emitter(pose=at(0.3, 9.0)), rx=receiver())
     power = pm.received_power(scene, spp=16).direct
     result = pm.range_profile(scene, [0.0, 4.0, 5.0], spp=16)

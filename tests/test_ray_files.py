@@ -13,7 +13,7 @@ xarray = pytest.importorskip("xarray")
 
 
 WAVELENGTH = 3.2e-3
-# Numbers and unit vectors in single precision.
+# Relative error of numbers and error of unit vectors in single precision.
 SINGLE, UNIT = 6e-8, 2e-7
 
 
@@ -130,7 +130,7 @@ def test_arguments_are_checked_and_nothing_is_written(rays, call, said, tmp_path
 DAMAGED = {
     "cut header": (b"\0" * 100, "100 bytes"),
     "cut rays": (foreign()[:-4], "52 bytes of data for 2 rays"),
-    "another unit": (foreign(unit=9), "unit of length 9"),
+    "another unit": (foreign(unit=9), "another identifier, ray format or unit"),
     "lumens": (foreign(flux=1), "lumens"),
     "still": (foreign(turned=0), "length zero"),
     "NaN": (foreign(turned=np.nan), "NaN"),

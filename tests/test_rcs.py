@@ -29,11 +29,12 @@ from oracles.meshes import section_root as plate
 from oracles.references import read_json
 from polywigner.errors import ArgumentError, PolywignerWarning
 
-# Rounding relative to the amplitude of a plate of the same size.
+# Rounding error relative to the amplitude of a plate of the same size.
 ROUNDING = 1e-12
-# The reference for two plates is a sum over edges of a raster, with an error of 2e-13.
+# Difference from the reference for two plates, which is a sum over edges of a raster with an error
+# of 2e-13.
 REFERENCE = 1e-11
-# Rounding of dBsm to three decimals.
+# Rounding error of levels in dBsm with three decimals.
 STATED = 5e-4
 
 HOLED = pw.Aperture(shapely.Polygon([(0, 0), (4, 0), (4, 3), (0, 2)], [[(1, 1), (2, 1), (2, 2)]]))
@@ -183,7 +184,8 @@ def test_circular_waves_return_turned_the_other_way_from_a_plate() -> None:
     ],
 )
 def test_forward_scattering_is_that_of_the_shadow(body: Any) -> None:
-    # Some walls are seen edge-on, and their shadows share edges with other faces.
+    # Some walls are seen edge-on from these directions, and their shadows share edges with other
+    # faces.
     for t in (*DIRECTIONS, towards(90, -30), towards(90, 0), towards(60, 45), towards(0, 0)):
         area = shadow_of(body, t)
         result = pw.rcs(body, -t, 0.3, t, "vv")
@@ -296,24 +298,24 @@ def test_a_pattern_is_a_table_of_sections(body: Any, bounces: int) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((3.0, (0, 0, 1), 0.1), "expected a body"),
+        ((3.0, (0, 0, 1), 0.1), "bodies and plates to be Polyhedra"),
         (([], (0, 0, 1), 0.1), "empty list"),
         (([BOX, pw.Slits([(0, 1)])], (0, 0, 1), 0.1), "got Slits"),
-        ((pw.Array([BOX, BOX], [1, -1]), (0, 0, 1), 0.1), "weights are all 1"),
+        ((pw.Array([BOX, BOX], [1, -1]), (0, 0, 1), 0.1), "bodies without weights"),
         ((pw.shapes.square(1).with_illumination(pw.steering((0.1, 0), 0.1)), (0, 0, 1), 0.1),
-         "must not have an illumination"),
+         "plates without illuminations"),
         ((BOX, (0, 0, 2), 0.1), "of length 2"),
         ((BOX, (0, 1), 0.1), "unit vectors"),
         ((BOX, (0, 0, math.nan), 0.1), "unit vectors"),
         ((BOX, (0, 0, 1), -0.1), "wavelengths to be numbers above zero"),
         ((BOX, (0, 0, 1), "10 mm"), "wavelengths to be numbers"),
-        ((BOX, np.eye(3), [0.1, 0.2]), "must broadcast"),
+        ((BOX, np.eye(3), [0.1, 0.2]), "broadcast against"),
         ((BOX, (0, 0, 1), 0.1, None, "vx"), "expected polarisation"),
         ((BOX, (0, 0, 1), 0.1, None, 3), "expected polarisation"),
         ((BOX, (0, 0, 1), 0.1, None, ((1, 0, 0), (0, 0, 1))), "90 degrees"),
         ((BOX, (0, 0, 1), 0.1, None, ((2, 0, 0), (1, 0, 0))), "of length 2"),
         ({"elevation": 2.0}, "elevation to be angles"),
-        ({"to_transmitter": np.eye(3)}, "a single unit vector"),
+        ({"to_transmitter": np.eye(3)}, r"unit vectors of shape \(3,\)"),
         ({"polarisation": "circular"}, "expected polarisation"),
         *(({"bounces": n}, "bounces to be a whole number") for n in (0, 4, 1.5, "2", True)),
     ],

@@ -28,11 +28,12 @@ from oracles.references import read_json
 from polywigner.errors import ArgumentError, PolywignerWarning
 from polywigner.scattering import facet_beams
 
-# Relative to the largest amplitude; references are another sum over the same polygons.
+# Error relative to the largest amplitude. The references are other sums over the same polygons.
 REFERENCE = 1e-9
-# Relative to the amplitude of a plate of the body's size; shadows have errors of 1e-12.
+# Error relative to the amplitude of a plate of the body's size. Shadows have errors of 1e-12.
 ROUNDING = 1e-11
-# For 250 rays across a body, relative to the amplitude of a plate with the area of its shadow.
+# Error of ray tracing with 250 rays across a body, relative to the amplitude of a plate with the
+# area of its shadow.
 RAYS = 1e-3
 # Relative to the amplitude of a plate times its size in wavelengths: physical optics is not
 # reciprocal at edges of retroreflecting faces.

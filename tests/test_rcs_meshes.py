@@ -19,7 +19,7 @@ from polywigner.scattering.facets import facets_of, visible_along
 
 pytestmark = pytest.mark.filterwarnings("ignore::polywigner.errors.PolywignerWarning")
 
-# Relative to the size of the body: rounding, and omitted narrow parts.
+# Error due to rounding and to omitted narrow parts, relative to the size of the body.
 ROUNDING = 1e-9
 
 
@@ -74,7 +74,7 @@ def test_orientation_of_a_small_polygon_does_not_depend_on_its_distance() -> Non
 
 
 def lit_lengths(body: Any, k: np.ndarray, angle: float, height: float) -> np.ndarray:
-    """Return the visible lengths (n,) of triangles on a line, like visible_lengths."""
+    """Return the visible lengths (n,) of triangles on a scan line, like visible_lengths."""
     facets = facets_of(body)
     first = np.cross(k, (0.3, 0.5, 0.8))
     first /= np.linalg.norm(first)
@@ -143,7 +143,7 @@ def test_set_operations_return_polygons_and_lose_none() -> None:
     kinds = shapely.get_type_id(hidden_parts.polygonal(mixed))
     assert kinds.tolist() == [6, 3, 3, 3, -1]
     assert shapely.area(hidden_parts.polygonal(mixed))[:4].tolist() == [2, 0, 0, 1]
-    # Squares with a common edge share a line only.
+    # Squares with a common edge share only a line.
     beside = np.array([shapely.box(1, 0, 2, 1)])
     shared = hidden_parts.intersections(np.array([square]), beside)
     assert shapely.area(shared)[0] == 0 and shapely.get_type_id(shared)[0] == 3

@@ -20,7 +20,8 @@ FEED = pw.shapes.rectangle(0.06, 0.04)
 OTHER = pw.shapes.square(0.03)
 L_BODY = extruded([(-0.1, -0.1), (0.1, -0.1), (0.1, 0), (0, 0), (0, 0.1), (-0.1, 0.1)], 0.1)
 PLATE = pw.shapes.square(0.2)
-# Powers of (SC3) as int |u|^2 instead of radiated power.
+# Options for powers in (SC3) of docs/rcs.md that are the integral of |u|^2 instead of the radiated
+# power.
 APERTURE: Any = {"return_power": True, "normalise": "aperture"}
 
 
@@ -44,8 +45,8 @@ def field_and_slope(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the first Rayleigh-Sommerfeld integral of a rectangle per root of int |u|^2.
 
-    At points (n, 3), which ``pose`` maps to the frame of the rectangle; and its derivative along a
-    normal over ik.
+    The points (n, 3) are mapped by ``pose`` to the frame of the rectangle. The second result is the
+    derivative of the field along a normal, divided by ik.
     """
     k = 2 * np.pi / WAVELENGTH
     places, areas = grid(width, height, 10)
@@ -123,7 +124,7 @@ def test_shadows_near_a_radar_are_those_of_rays() -> None:
     every = np.concatenate([points[~shadow], others[lit] + pose[:3, 3]])
     field, slope = field_and_slope(0.06, 0.04, radar, every, np.array([0.0, 0.0, 1.0]))
     total = (field * slope * np.concatenate([areas[~shadow], their[lit]])).sum()
-    # 100 cells across: the shadow edge is random within half a cell.
+    # The grid is 100 cells wide, and the shadow edge has an error of half a cell.
     assert math.sqrt(power) == pytest.approx(abs(total), rel=1e-2)
 
 
@@ -137,7 +138,7 @@ def test_an_antenna_with_a_null_at_the_body_has_a_power_alone() -> None:
 
 
 def test_the_radar_equation_has_its_decibels() -> None:
-    """10 dBm, antennas of 0 dBi, 20 dBsm at 10 m, 24.125 GHz without losses: -81.089 dBm.
+    """10 dBm, antennas of 0 dBi, and 20 dBsm at 10 m and 24.125 GHz give -81.089 dBm.
 
     The gain of an antenna is the directivity of its pattern.
     """
@@ -194,7 +195,7 @@ def test_wrong_arguments_are_refused(
 
 @pytest.mark.parametrize("pair", [("30 deg", "right"), ((1, 0.2j), "y")])
 def test_polarised_antennas_weigh_currents_in_vector_fields(pair: Any) -> None:
-    """b = int E_r . (n x H_t) over a tilted plate, by Gauss nodes."""
+    """The coupling b is the integral of E_r . (n x H_t) over a tilted plate, by Gauss nodes."""
     pose = looking(1.0 * unit(0.3, -0.2, 1.0))
     points, areas = grid(0.2, 0.2, 36)
     at, turn = points @ pose[:3, :3].T + pose[:3, 3], pose[:3, :3]

@@ -27,9 +27,9 @@ pytestmark = [pytest.mark.drjit, pytest.mark.usefixtures("few_rays")]
 pm = pytest.importorskip("polywigner.mitsuba")
 import mitsuba as mi  # noqa: E402 (after the package, which chooses the LLVM library)
 
-# Poses of a scene have single precision.
+# Relative error of the poses of a scene, which are in single precision.
 SINGLE = 2e-6
-# 1024 rays between evenly distributed points of both apertures.
+# Relative error of 1024 rays between evenly distributed points of both apertures.
 RAYS = 0.02
 
 
@@ -66,7 +66,7 @@ def test_in_empty_space_a_link_is_its_coupling(plain):
 
 
 def test_partly_coherent_light_of_a_band_is_received_as_the_mean_of_its_waves(plain):
-    """In the far field: blurred intensity over the emitted power, times the effective area."""
+    """The power is the blurred intensity over the emitted power, times the effective area."""
     square, far, band = pw.shapes.square(6e-3), 20.0, 2e9
     partly = square.partially_coherent(12e-3)
     result = power_of(tx=emitter(partly, bandwidth=band), rx=receiver(square, facing(far)))
@@ -126,7 +126,7 @@ FOG = {"type": "homogeneous", "sigma_t": 2.0, "albedo": 0.5}
 
 
 def test_fog_takes_its_share_off_direct_light(plain):
-    """Beer's law for a slab, and for fog around the sensor."""
+    """The transmission follows Beer's law for a slab, and for fog around the sensor."""
     slab = {
         "type": "cube",
         "to_world": mi.ScalarTransform4f().translate([0, 0, 0.5]).scale([1, 1, 0.2]),
@@ -223,7 +223,8 @@ def test_the_stated_error_is_that_of_repetitions(plain):
     result = [pm.received_power(scene, spp=32, seed=seed) for seed in range(40)]
     spread = np.var([each.scattered for each in result], ddof=1)
     stated = np.mean([each.standard_error**2 for each in result])
-    # Chi squared with 39 degrees of freedom over 39 is from 0.43 to 1.87 in 999 of 1000 cases.
+    # A chi-squared value with 39 degrees of freedom, divided by 39, is between 0.43 and 1.87 in 999
+    # of 1000 cases.
     assert 0.43 < spread / stated < 1.87
 
 

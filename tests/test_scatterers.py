@@ -25,7 +25,7 @@ def mono(llvm):
 
 # Limit in standard errors, which are known to 18 %.
 SIGMAS = 5.0
-# Positions of a scene have single precision, and rays start slightly off surfaces.
+# Error of positions, which are in single precision, and of rays, which start slightly off surfaces.
 SINGLE = 1e-5
 
 
@@ -60,12 +60,12 @@ def in_corner(depth=3):
 
 
 def path_length(place):
-    """Return path lengths from the transmitter by points (n, 3) to the receiver."""
+    """Return path lengths from the transmitter via points (n, 3) to the receiver."""
     return np.linalg.norm(place, axis=1) + np.linalg.norm(place - [0.1, 0, 0], axis=1)
 
 
 def apart(cloud, expected, error=0.0):
-    """Return the difference in power in standard errors."""
+    """Return the difference between two powers in standard errors."""
     power = float(cloud["power"].values.sum())
     return abs(power - expected) / math.hypot(cloud.attrs["standard_error"], error)
 
@@ -99,7 +99,7 @@ def test_places_and_paths_are_those_of_the_geometry():
     assert np.allclose(cloud["normal"].values, [0, 0, -1], atol=SINGLE)
     assert set(cloud["shape"].values) == {"floor"} and set(cloud["emitter"].values) == {"tx"}
     assert set(cloud["bounces"].values) == {1}
-    # Both apertures are 3 mm wide.
+    # The tolerance allows for the size of both apertures, which are 3 mm wide.
     assert np.abs(cloud["path_length"].values - path_length(place)).max() < 4.3e-3
 
 
@@ -125,7 +125,7 @@ def test_a_path_of_two_bounces_stands_where_the_receiver_sees_it():
     on_wall = cloud["shape"].values == "wall"
     assert np.allclose(place[on_wall, 0], 0.5, atol=SINGLE)
     straight = path_length(place)
-    # The path by a second surface is longer.
+    # A path via a second surface is longer.
     assert (cloud["path_length"].values > straight - 4.3e-3).all()
     assert (cloud["path_length"].values[twice] > straight[twice] + 1e-4).mean() > 0.95
 
@@ -185,7 +185,7 @@ def test_files_hold_the_cloud_and_other_files_and_data_are_refused(tmp_path):
     assert [row["shape"] for row in rows] == cloud["shape"].values.tolist()
 
     assert [path.name for path in tmp_path.iterdir()] == ["cloud.csv"]
-    with pytest.raises(ArgumentError, match=r"expected a path with the suffix \.csv or \.nc"):
+    with pytest.raises(ArgumentError, match=r"expected a file with the suffix \.csv, \.nc"):
         pm.write_scatterers(cloud, tmp_path / "cloud.ply")
     with pytest.raises(ArgumentError, match=r"the result of .*scatterers"):
         pm.write_scatterers({"power": 1}, tmp_path / "other.csv")
@@ -196,7 +196,7 @@ def test_files_hold_the_cloud_and_other_files_and_data_are_refused(tmp_path):
     ("options", "message"),
     [
         ({"count": 0}, "count to be a whole number from 1"),
-        ({"count": 10, "seed": -1}, "seed to be an integer of zero or more"),
+        ({"count": 10, "seed": -1}, "seed to be a whole number"),
         ({"count": 10, "receiver": "nobody"}, "receiver to be one of"),
         (
             {"count": 10, "velocities": {"flor": (1, 0, 0)}},

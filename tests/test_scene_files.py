@@ -16,6 +16,8 @@ pytestmark = pytest.mark.drjit
 pm = pytest.importorskip("polywigner.mitsuba")
 import mitsuba as mi  # noqa: E402 (after the package, which chooses the LLVM library)
 
+from polywigner.mitsuba.plugins.films import threads_for_openexr  # noqa: E402
+
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 VERTICES = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4").tobytes()
 
@@ -177,7 +179,8 @@ def write_named(path: Path) -> None:
         bitmap = mi.Bitmap(np.full((16, 16, 3), 0.5, np.float32))
         if kind in ("png", "jpg"):
             bitmap = bitmap.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.UInt8, True)
-        bitmap.write(str(path))
+        with threads_for_openexr():
+            bitmap.write(str(path))
 
 
 NAMED = ("obj", "ply", "serialized", "stl", "vol", "spd", "exr", "pfm", "hdr", "png", "jpg")

@@ -72,7 +72,7 @@ def test_loaded_scenes_repeat_their_random_numbers() -> None:
     assert result == [result[0]] * 3
 
 
-# Axis and angle of the rotation, and position of a wall.
+# Walls by name, each with the axis and angle of its rotation and with its position.
 WALLS = {
     "north": ((0, 1, 0), -90, (0.3, 0, 0.5)),
     "south": ((0, 1, 0), 90, (-0.3, 0, 0.5)),

@@ -25,9 +25,9 @@ SAMPLER = '<sampler type="independent"><integer name="sample_count" value="16"/>
 FLOOR = rectangle('<rotate x="1" angle="180"/><translate z="1"/>', '<bsdf type="diffuse"/>')
 DEFAULTS = """<default name="samples" value="4"/><default name="outline" value="square.wkt"/>
     <integrator type="path"><integer name="max_depth" value="2"/></integrator>"""
-# Rows of a strip of the film, which has 64 rows; and parts of the results.
+# Number of rows per strip of a film with 64 rows, number of strips, and number of batches.
 ROWS, STRIPS, BATCHES = 16, 4, 16
-# The threads of the renderer add in any order.
+# Rounding error, because the threads of the renderer add in any order.
 LAST = 1e-5
 
 

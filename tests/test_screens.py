@@ -13,11 +13,11 @@ from polywigner.propagation.screens import spherical_field
 
 K = 2 * math.pi  # wavelength of 1
 L_SHAPE = [(-1.0, -0.7), (1.3, -0.7), (1.3, 0.2), (0.1, 0.2), (0.1, 1.2), (-1.0, 1.2)]
-# Two rectangles for quadrature.
+# Opening of two rectangles, for quadrature.
 PIECES = [(-1.0, -0.7, 1.3, 0.2), (-1.0, 0.2, 0.1, 1.2)]
 SOURCE = (0.3, -0.2, -2.1)
-# Illuminated, at the shadow boundary, in the shadow near the plane, far off the axis, and at the
-# mirror image of the source.
+# Points in the illuminated region, at the shadow boundary, in the shadow near the plane, far off
+# the axis, and at the mirror image of the source.
 POINTS = [
     (0.2, 0.4, 3.0), (1.3 + 3.0 / 2.1 - 1e-9, -0.1, 3.0), (2.5, 0.1, 0.6), (4.0, 3.0, 2.0),
     (0.3, -0.2, 2.1), (0.3, -0.2, 2.1 + 1e-9),
@@ -25,12 +25,12 @@ POINTS = [
 ROUNDING = 2e-13  # relative to a field of 0.3, with 80 x 80 nodes
 TOLERANCE = 1e-11
 
-# A half-plane with the edge x = 0; its other edges contribute at most 1e-4.
+# Half-plane with the edge x = 0. The other edges contribute at most 1e-4.
 HALF_PLANE = pw.Aperture([(0, -400), (511, -400), (511, 400), (0, 400)])
 
 
 def by_quadrature(source, point, method):
-    """Return (B1) over the opening."""
+    """Return the integral (B1) over the opening, by quadrature."""
     t, w = np.polynomial.legendre.leggauss(80)
     total = 0j
     for x0, y0, x1, y1 in PIECES:

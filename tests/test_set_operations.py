@@ -6,7 +6,7 @@ import pytest
 import polywigner as pw
 from polywigner.errors import GeometryError, IlluminationError, PolywignerError
 
-# New vertices have a grid of 2^-44 of the size.
+# Relative rounding error of new vertices, which have a grid of 2^-44 of the size.
 GRID = 1e-12
 
 DISC, BAR = pw.shapes.ring(10e-3, 5e-3), pw.shapes.rectangle(30e-3, 4e-3)

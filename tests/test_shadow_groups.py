@@ -176,7 +176,7 @@ _BOX = box((-1, -1, -1), (1, 1, 1))
 _ROOM = hollow(box((-3, -3, -3), (3, 3, 3)), box((-2, -2, -2), (2, 2, 2)).vertices)
 
 
-# Name -> bodies, and number of pairs in contact.
+# Bodies and the number of pairs in contact, by name.
 CONTACTS: dict[str, tuple[list[Any], int]] = {
     "common face": ([_BOX, box((1, -1, -1), (3, 1, 1))], 1),
     "narrow gap": ([_BOX, box((1.04, -1, -1), (3, 1, 1))], 1),
@@ -208,7 +208,8 @@ def test_what_is_in_a_cavity_is_not_in_the_body() -> None:
 
 
 def test_surfaces_behind_edges_do_not_depend_on_the_order_of_edges() -> None:
-    # The post's shadow covers a corner of the first house, whose front the second continues.
+    # The shadow of the post covers a corner of the first house. The front of the second house
+    # continues the front of the first.
     post = box((2.4, -4, 8.9), (2.6, 4, 9.0))
     houses = [box((0, -4, z), (5, 0, z + 9)) for z in (10, 19.02)]
     source = np.array([2.5, 3.0, 0.0])

@@ -48,7 +48,7 @@ def test_shadow_of_a_black_ball_is_between_those_of_a_soft_and_a_hard_one(radius
 
 @pytest.mark.slow
 def test_spot_of_arago_fades_behind_a_soft_sphere_as_waves_creep() -> None:
-    """12 dB for each theta (pi D/(2 lambda))^(1/3); a hard sphere is at most 3 dB brighter."""
+    """Each theta (pi D/(2 lambda))^(1/3) costs 12 dB; a hard sphere is at most 3 dB brighter."""
     for radius in shadow_spheres.RADII:
         for distance in radius * np.array([4.0, 40.0]):
             axis = np.array([[0.0, 0.0, distance]])
@@ -69,7 +69,7 @@ def test_spot_of_arago_fades_behind_a_soft_sphere_as_waves_creep() -> None:
 @pytest.mark.parametrize(
     ("body", "rms", "largest"),
     [
-        # Kirchhoff's black body; the lattice of 24 cells per wavelength causes the difference.
+        # Kirchhoff's black body. The difference is due to the lattice of 24 cells per wavelength.
         ("cube, jumps", 0.1, 0.6),
         ("plate, jumps", 0.1, 0.6),
         # A thin absorber, which is black for normal incidence only.

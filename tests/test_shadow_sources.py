@@ -55,7 +55,7 @@ CASES: dict[str, tuple[Any, Any]] = {
 def test_first_field_of_rayleigh_sommerfeld_is_the_slope_of_the_second(
     name: str, engine: Any
 ) -> None:
-    """U_I = -(1/ik) dU_II/dz of the source's plane; Kirchhoff's field is the mean of both."""
+    """U_I is -(1/ik) dU_II/dz for a shift of the source; Kirchhoff's field is the mean of both."""
     body, points = CASES[name]
     points = np.array(points)
 
@@ -158,7 +158,7 @@ def test_equivalent_points_for_few_directions_are_those_for_all() -> None:
     plate = pw.shapes.square(30.0).placed(at(12.0, 3.0, 200.0))
     points = [(5.0, 0.0, 500.0), (-20.0, 10.0, 400.0)]
     few = pw.amplitude(source, points, 1.0, obstacles=plate)
-    # A point at a wide angle shares the equivalent points of the other points.
+    # The point at a wide angle uses the same equivalent points as the other points.
     wide = [*points, (60.0, 60.0, 0.1)]
     everywhere = pw.amplitude(source, wide, 1.0, obstacles=plate)[:2]
     assert np.abs(few - everywhere).max() < TOLERANCE * np.abs(few).max()

@@ -15,16 +15,20 @@ import polywigner as pw
 from oracles.meshes import at, ball, box
 from oracles.references import numpy_and_few
 from polywigner.errors import ArgumentError, PolywignerWarning, StoreError
+from polywigner.execution import NumpyOperations
+from polywigner.kernels.boundary.edge_waves import EdgeRule, edge_wave
 
 REFERENCE = json.loads((Path(__file__).parent / "data" / "shadows.json").read_text("utf-8"))
 WAVELENGTH = REFERENCE["wavelength"]
 SQUARE = pw.shapes.square(REFERENCE["side"])
 LAMP = pw.PointSource((0.3e-3, 0.1e-3, -0.11))
 
-# Default tolerance relative to the largest free field.
+# Default tolerance, relative to the largest field without obstacles.
 TOLERANCE = 1e-6
 # Angles are evaluated 1e-8 of the distance off each point, relative to a narrow gap.
 TOUCHING = 1e-6
+# Error of 80 nodes along an edge and of 16 nodes on the complex path, with a margin of 50.
+NEAR_EDGE = 1e-10
 
 
 def drawn_points(count: int, low: Any, high: Any, seed: int = 0) -> np.ndarray:
@@ -102,10 +106,25 @@ def test_spot_of_arago_is_as_bright_behind_a_ball_as_behind_its_disc() -> None:
     lamp = pw.PointSource((0.0, 0.0, -300.0))
     spots = [np.abs(field(lamp, axis, body)) * 300.0 for body in (sphere, disc)]
     assert np.abs(spots[0] / spots[1] - 1).max() < 1e-3  # the outline of the mesh is a polygon
-    # (1 + z/r)/2 of the incident field, with r from the edge; all paths around the disc have equal
-    # lengths.
+    # On the axis, the field is (1 + z/r)/2 of the incident field, with the distance r from the
+    # edge, because all paths around the disc have equal lengths.
     closed_form = 0.5 + 0.5 / np.hypot(1, 0.02 / np.array([0.2, 0.5]))
     assert np.abs(spots[1] / closed_form - 1).max() < 2e-3
+
+
+def test_boundary_wave_of_a_near_edge_is_the_integral_along_the_edge() -> None:
+    """At these distances, the arguments of the roots in (SB3) add up to more than 180 degrees."""
+    rng, count = np.random.default_rng(0), 500
+    before, behind = 10 ** rng.uniform(-2, 0, (2, count))
+    angle, zero = rng.uniform(-3, 3, count), np.zeros(count)
+    source = (zero, -before, zero)
+    point = (rng.normal(size=count) * before, behind * np.cos(angle), behind * np.sin(angle))
+    ends = (rng.uniform(-2, -1, count), zero, zero), (rng.uniform(1, 2, count), zero, zero)
+    along, deformed = (
+        edge_wave(NumpyOperations(), EdgeRule.of(cycles, 80, tails), source, point, *ends)
+        for cycles, tails in ((10.0, 2), (1.0, 16))
+    )
+    assert np.abs(np.subtract(along, deformed)).max() < NEAR_EDGE
 
 
 def test_knife_edge_is_that_of_fresnel() -> None:
@@ -282,7 +301,7 @@ def test_store_of_a_volume_belongs_to_its_obstacles(tmp_path: Path) -> None:
 def test_partly_coherent_light_is_the_mean_over_its_tilts() -> None:
     width, points = 12e-3, [(x, 0.01, 0.3) for x in (-0.05, 0.0)]
     how: Any = {"obstacles": BODIES["plate"], "tolerance": 1e-2, "engine": "numpy"}
-    # |U|^2 averaged over normally distributed tilts kappa of the wave.
+    # The expected irradiance is |U|^2 averaged over normally distributed tilts kappa of the wave.
     nodes, weights = np.polynomial.hermite_e.hermegauss(3)
     expected = 0.0
     for (i, first), (j, second) in product(enumerate(nodes), repeat=2):

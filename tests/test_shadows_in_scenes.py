@@ -20,6 +20,7 @@ from oracles import meshes
 from polywigner.cli import main
 from polywigner.errors import SceneError
 from polywigner.geometry.silhouettes import Obstacles
+from polywigner.mitsuba.plugins.films import threads_for_openexr
 from polywigner.mitsuba.scenes.surfaces import bodies_of
 
 mi = use("scalar_rgb")
@@ -231,7 +232,7 @@ def test_a_wall_of_butted_or_crossing_cubes_is_a_wall() -> None:
 
 
 def test_cubes_of_one_mesh_with_a_common_face_are_in_contact_with_what_touches_them() -> None:
-    """Four faces meet at edges of the common face: the mesh is closed, but not simple."""
+    """Four faces meet at each edge of the common face, so the mesh is closed, but not simple."""
     cube = meshes.box((0, 0, 0), (1, 1, 1))
     pair = meshes.joined([cube, meshes.moved(cube, 1, 0, 0)])
     bodies = [(body.vertices, body.triangles) for body in (pair, meshes.moved(cube, 0, 1, 0))]
@@ -272,14 +273,15 @@ def test_bodies_on_mirrored_ways() -> None:
 
     before, behind = mirrored(0.25), mirrored(0.75)
     assert before < 0.7
-    # Nearly equal, because single edges of a plate and of its image are not exactly reciprocal.
+    # The values are only nearly equal, because single edges of a plate and of its image are not
+    # exactly reciprocal.
     assert before == pytest.approx(behind, rel=1e-2)
 
 
 @pytest.mark.slow
 @pytest.mark.llvm
 def test_receiver_takes_light_over_edges() -> None:
-    """Power from a floor hidden by a plate, from the fields of both ends on the floor."""
+    """The power is an integral of the fields of both ends over a floor that a plate hides."""
     use("llvm_ad_mono")
     height, side, apart = 0.4, 0.3, 0.1
     places = [np.eye(4), np.eye(4)]
@@ -385,7 +387,8 @@ def test_command_and_scene_file_ask_for_diffraction(
         cli_scenes.written(tmp_path, cli_scenes.scene(*parts)).rename(f"{name}.xml")
     for name, options in (("own", []), ("plain", ["--diffraction"])):
         assert main(["render", f"{name}.xml", "--out", name, *options]) == 0
-    pictures = [np.array(mi.Bitmap(f"{name}.exr")) for name in ("own", "plain")]
+    with threads_for_openexr():
+        pictures = [np.array(mi.Bitmap(f"{name}.exr")) for name in ("own", "plain")]
     assert pictures[0].max() > 0
     assert pictures[0] == pytest.approx(pictures[1], rel=1e-3)
     plain = pm.render(pm.load_scene("plain.xml", "llvm_ad_mono"), spp=16)

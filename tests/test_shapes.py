@@ -12,7 +12,7 @@ from outlines import CHEVRON, relaxed
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture, shapes
 
-# Rounding of products and sums of a few doubles.
+# Rounding error of products and sums of a few floats.
 ROUNDING = 1e-14
 
 _length = st.floats(1e-6, 1e3)

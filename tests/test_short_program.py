@@ -7,7 +7,7 @@ import shapely
 import polywigner as pw
 from oracles import short_program
 
-# Errors relative to the total area times the largest |weight|^2.
+# Largest error relative to the total area times the largest |weight|^2.
 WORST = 2e-14
 # The grid moves the sides of a sliver by a fraction of its length squared.
 AREAS = {"sliver": 1.0}

@@ -32,11 +32,13 @@ DRAWN = [("square", "uniform"), ("steered", "quasi-random"), ("chevrons", "unifo
 DRAWN += [("tapered", "uniform"), ("array", "quasi-random"), ("converging", "uniform")]
 DRAWN += [("partly coherent", "quasi-random"), ("both", "uniform")]
 
-# Limits of Student's and normal distributions, exceeded with a probability of 1e-4.
+# Limit in standard deviations for Student's and normal distributions, exceeded with a probability
+# of 1e-4.
 UNLIKELY = 4.5
 ROUNDING = 1e-12
 
-# Narrow pupils, whose rays are paraxial: tan and sin differ by 1e-5 of a spot.
+# Wavelength and focal length for narrow pupils, whose rays are paraxial: tan and sin differ by 1e-5
+# of a spot.
 LIGHT, FOCAL_LENGTH = 0.6e-6, 1.0
 PUPIL = pw.shapes.regular_polygon(6, 2.5e-3)
 LENS = PUPIL.curved(-FOCAL_LENGTH, LIGHT)
@@ -107,7 +109,7 @@ def test_rebuilt_irradiance_is_unbiased_and_knows_its_error(name, sampling):
     source = (SOURCES | MIXED)[name]
     values, errors = rebuilt(source, 64, sampling=sampling)
     assert significance(values, mean_irradiance(source)).max() < UNLIKELY
-    # 64 seeds know a scatter to a tenth, and the pixels are not alike
+    # With 64 seeds, a standard deviation is known to a tenth, and the pixels differ.
     ratio = np.sqrt((errors**2).mean(axis=0)) / values.std(axis=0, ddof=1)
     assert ratio == pytest.approx(1.0, abs=0.45)
     assert ratio.mean() == pytest.approx(1.0, abs=0.15)
@@ -123,7 +125,7 @@ def test_obliquities_are_those_of_wigner_rays(obliquity):
 
 @pytest.mark.parametrize("angle", [0.0, 0.6])
 def test_far_away_a_plane_receives_the_exact_density_of_power_times_its_cosine(angle):
-    """A pixel in the beam at 300 mm, and the same pixel on a tilted plane."""
+    """The test uses a pixel in the beam at 300 mm, and the same pixel on a tilted plane."""
     axis, half = np.array([0.3, 0.2, math.sqrt(0.87)]), 4e-3
     rays = pw.sample_rays(STEERED, WAVELENGTH, 1 << 18, cone=0.05, axis=axis)
     sine, cosine = math.sin(angle), math.cos(angle)
@@ -204,7 +206,7 @@ def test_rays_are_counted_where_they_meet_the_plane():
     result = pw.rays.rebuild(rays, 1.0, (0, 0, 1, 1), (2, 4))
     assert result.irradiance.values.T.tolist() == [[0, 0, 8, 0], [0, 0, -16, 0]]
     assert (result.power, result.lost, result.missed) == (-1.0, 1, 3)
-    # One of six rays: variance 6/5 (w^2 - w^2/6).
+    # One of six rays ends in this pixel, so the variance is 6/5 (w^2 - w^2/6).
     assert result.standard_error.values[2, 0] == pytest.approx(8.0)
     virtual = pw.rays.rebuild(rays, 1.0, (0, 0, 1, 1), (2, 4), virtual=True)
     assert virtual.irradiance.values[2, 0] == 8 * 9
@@ -298,7 +300,7 @@ def test_fringes_of_two_slits_have_the_visibility_of_the_degree_of_coherence(wid
     cone = LIGHT / distance
     rays = pw.sample_rays(light, LIGHT, 1 << 14, cone=cone, directions="uniform")
     fringe = np.cos(2 * math.pi * distance * rays.direction.values[:, 0] / LIGHT)
-    # Visibility from the sums of 1 and of the fringe over a disc.
+    # The visibility follows from sums of 1 and of the fringe over a disc.
     x, y = np.meshgrid(*2 * [np.linspace(-1, 1, 401)])
     inside = np.cos(2 * math.pi * x[x**2 + y**2 < 1])
     first, second = inside.mean(), (inside**2).mean()

@@ -51,7 +51,7 @@ def plate(width: float, height: float, place: np.ndarray) -> Any:
 
 
 def ratio(source: Any, points: Any, bodies: Any) -> np.ndarray:
-    """Return the field over the free field, in a frame with a wavelength of 1."""
+    """Return the field divided by the free field, for a wavelength of 1."""
     obstacles, place = obstacles_of(bodies, 1.0), np.array(source, float)
     seen = obstacles.silhouettes([place])
     point = RadiatingPoint(place, 0j, 1j)
@@ -95,7 +95,7 @@ def test_one_body_takes_away_kirchhoff_s_integral_over_what_the_source_sees(
     error = np.abs(
         ratio(source, points, BODIES[name]) - expected_ratio(source, points, BODIES[name])
     )
-    # Coordinates are rounded to 1e-16 of the distance.
+    # For distant sources, coordinates are rounded to 1e-16 of the distance.
     assert error.max() < max(EXACT, -3e-12 * source[2])
 
 
@@ -153,7 +153,7 @@ def test_surface_behind_the_source_changes_the_field_by_its_diffracted_part() ->
 
 
 def test_housing_around_a_source_leaves_its_opening() -> None:
-    """Five sides of a cube as plates, against Kirchhoff's integral over all of them."""
+    """The housing is five sides of a cube; the reference is Kirchhoff's surface integral."""
     source = np.array([0.1, 0.0, 0.2])
     sides = [plate(4, 4, pose(shift=(0, 0, -2)))]
     sides += [plate(4, 4, pose(math.pi / 2, 1, (x, 0, 0))) for x in (-2.0, 2.0)]

@@ -34,7 +34,7 @@ def test_points_of_slits_have_one_component():
 
 @pytest.mark.llvm
 def test_a_grating_of_many_slits_is_summed_in_parts():
-    """More pairs than in one kernel."""
+    """The grating has more pairs of slits than one kernel sums."""
     grating = pw.Slits(np.arange(50)[:, None] + np.array([0.0, 0.3]))
     rng = np.random.default_rng(6)
     x, nu = rng.uniform(0, 50, (200, 1)), rng.uniform(-3, 3, (200, 1))

@@ -19,11 +19,12 @@ WAVELENGTH = 3.9e-3
 HORN, PATCH = pw.shapes.square(20e-3), pw.shapes.square(2e-3)
 TX, RX = np.array([-0.02, 0.0, 0.0]), np.array([0.02, 0.0, 0.0])
 
-# Standard errors of 16 batches, exceeded once in 100 tests.
+# Limit in standard errors of 16 batches, exceeded once in 100 tests.
 ERRORS = 3.0
-# Exact light has errors of 1e-4 of its peak at both ends.
+# Allowed bias. Exact light has errors of 1e-4 of its peak at both ends.
 BIAS = 1e-3
-# A plate of 0.1 m at 10 m; without importance sampling, 2^14 samples have an error of 90 %.
+# Number of samples, and noise for a plate of 0.1 m at 10 m. Without importance sampling, 2^14
+# samples have an error of 90 %.
 SAMPLES, NOISE = 1 << 14, 2e-2
 
 
@@ -45,7 +46,7 @@ def scene_of(estimator: str = "exact", **things: Any) -> Any:
 
 
 def quadrature(place: Any, half: float, turn: float = 180.0, count: int = 40) -> float:
-    """Return the power by such a plate, lambda^2 int |U_t|^2 |U_r|^2 cos cos dA/pi."""
+    """Return the power via a plate, lambda^2 int |U_t|^2 |U_r|^2 cos cos dA/pi."""
     points, normal, areas = nodes(half, rectangle(place, (1, 0, 0), turn)["to_world"], count)
     product = WAVELENGTH**2 / np.pi * areas
     for source, start in ((HORN, TX), (PATCH, RX)):

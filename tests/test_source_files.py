@@ -113,7 +113,7 @@ def illuminated(field: pw.Illumination) -> pw.Aperture:
     return WIDE.with_illumination(field)
 
 
-# Tables of a file, and the source that the functions of these names return.
+# Tables of a file, and the source that the Python functions with the same names return.
 VALID = [
     ({"kind": "aperture", "polygons": TILES}, pw.Aperture([[0, 0], [2, 0], [2, 1], [0, 1]])),
     ({"kind": "aperture", "polygons": [[[[0, 0], [0, 1], [1, 1], ["0.5 m", 0], [0, 0]]]]},
@@ -254,7 +254,7 @@ PHASED = repeated([[0, 0], [2, 0]])
 GRID_TABLE = {"kind": "grid", "nx": 2, "ny": 2, "pitch_x": 1}
 CROSSED = [[0, 0], [3, 0], [1, 1], [2, 2], [1, 0]]
 
-# Tables, and parts of their errors: path of the key, accepted values, and value.
+# Invalid tables, and parts of their error messages: path of the key, accepted values, and value.
 BAD = [
     ([], "expected `object`, got `array`"),
     ({}, "missing required field `kind`"),
@@ -262,7 +262,7 @@ BAD = [
     ({**APERTURE, "version": 2}, "version: expected `int` <= 1"),
     ({**APERTURE, "taper": 1}, "unknown field `taper`"),
     ({**APERTURE, "unit": "mm"}, "'unit' applies only to the key 'file'"),
-    ({**APERTURE, "polygons": TILES}, "expected exactly one of the keys | got polygons and shape"),
+    ({**APERTURE, "polygons": TILES}, "expected exactly one of | got polygons and shape"),
     ({**APERTURE, "frequency": 1, "wavelength": 1}, "got both"),
     ({"kind": "aperture", "file": "none.wkt"}, "file: | none.wkt: expected"),
     ({"kind": "aperture", "shape": {"name": "circlet"}}, "shape.name: invalid value 'circlet'"),
@@ -321,7 +321,7 @@ def test_errors_name_the_file_the_key_and_the_value(table: Any, words: str, tmp_
         ("a.toml", b'kind = "slits"\nintervals = [[0, 1979-05-27]]', r"intervals: .*1979"),
         ("a.json", b'{"kind": "slits", "intervals": [[0, 1' + b"0" * 400 + b"]]}", "finite"),
         ("a.json", b"[" * 100_000, "invalid JSON"),
-        ("a.yaml", b"kind: aperture", r".toml or .json, got '.yaml'"),
+        ("a.yaml", b"kind: aperture", r".toml, .json, got '.yaml'"),
     ],
 )
 def test_text_that_is_no_source_is_refused(
@@ -350,7 +350,7 @@ def test_a_file_is_replaced_as_a_whole_or_not_written_at_all(tmp_path: Path) -> 
     for source, name, error, words in (
         (SQUARE, "taken.json/a.toml/a.toml", ArgumentError, "cannot write"),
         (SQUARE, "taken.json", ArgumentError, "cannot write"),
-        (SQUARE, "a.txt", FileFormatError, r"\.toml or \.json"),
+        (SQUARE, "a.txt", FileFormatError, r"\.toml, \.json"),
         (3, "a.toml", ArgumentError, "got int"),
     ):
         with pytest.raises(error, match=words):

@@ -73,7 +73,8 @@ def test_points_share_a_silhouette_that_moves_with_none_of_them(is_above: bool) 
         pose[:3, 3] = x, 0.0, z
         return pw.shapes.square(side).placed(pose)
 
-    # The shadow of the first plate crosses the edge of the second plate, or is inside it.
+    # The shadow of the first plate crosses an edge of the second plate, or lies inside the second
+    # plate.
     bodies = obstacles_of(
         [plate(2.0, 0.0, 40.0), plate(30.0, 16.0 if is_above else 0.0, 80.0)], 1.0
     )
@@ -189,7 +190,8 @@ def test_shadow_lines_on_a_wall_move_with_the_nodes() -> None:
 @pytest.mark.llvm
 def test_block_hides_points_in_front_of_one_of_its_faces_from_an_edge() -> None:
     use("llvm_ad_mono")
-    # The bar is in front of two faces of the block, and its midpoint is behind the plane of one.
+    # The bar is in front of two faces of the block, and its midpoint is behind the plane of one
+    # face.
     bar = transform().translate([0.01, 0.0, 0.166]).scale([0.014, 0.004, 0.001])
     block = transform().translate([0.0, 0.0, 0.2124]).rotate([0, 1, 0], 45).scale(0.03)
     assert error_on_floor(1e-3, cubes(bar=bar, block=block), -0.14, -0.12) < 2e-4
@@ -215,6 +217,6 @@ def test_points_on_far_walls_are_not_behind_them_in_single_precision() -> None:
     shadows = shadows_of(pm.load_scene(example, diffraction=True))
     # A kerb at grazing incidence, and a wall behind a pillar, in metres in the source's frame.
     points = np.array([[2.351512, -0.665311, 10.125941], [4.702853, 0.622157, 11.324124]])
-    # |U|^2 of all points of the source, each with its own silhouette, in double precision.
+    # Expected |U|^2 in double precision, from all points of the source with separate silhouettes.
     expected = np.array([8.471e-8, 4.777e-8])
     assert intensities(shadows, points) == pytest.approx(expected, rel=1e-2)

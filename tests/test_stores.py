@@ -154,8 +154,8 @@ def test_a_killed_writer_and_a_killed_worker_of_a_cluster_lose_only_their_own_re
         result = written(store, beam(Beam(log, 0.2)), scheduler=cluster)
         killer.join()
     np.testing.assert_array_equal(result["power"], DIRECT)
-    # Both workers were active when the writer was killed. Dask also recomputes all finished regions
-    # of the killed worker: at most all of the second run so far.
+    # Both workers were active when the writer was killed, and Dask recomputes all finished regions
+    # of the killed worker, which are at most all regions of the second run so far.
     again = 2 + begun[0] - done
     assert len(set(evaluations(log))) == REGIONS
     assert len(evaluations(log)) <= REGIONS + again

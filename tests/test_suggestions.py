@@ -11,15 +11,16 @@ from polywigner.errors import ArgumentError
 
 WAVELENGTH = 299_792_458 / 94e9
 
-# Kaiser window over 12 neighbours on both sides at twice the Nyquist rate: exp(-12 pi/2) = 7e-9.
+# Number of neighbours on each side for interpolation with a Kaiser window. At twice the Nyquist
+# rate, the error is exp(-12 pi/2) = 7e-9.
 TAPS = 12
 BAND_LIMITED = 1e-6
-# Fields have weak waves beyond their bands, from points that are not stationary.
+# Error of fields, which have weak waves beyond their bands, from points that are not stationary.
 ASYMPTOTIC = 3e-3
-# At a kink of W or A with slope 4, half a step of 1/(8 N) changes values of 1/(pi N) by some
-# tenths.
+# Relative error next to a kink of W or A with slope 4, where half a step of 1/(8 N) changes values
+# of 1/(pi N) by some tenths.
 BESIDE_KINKS = 0.2
-# 1.5 Nyquist steps: a third of the band is aliased.
+# Factor of the step that gives 1.5 Nyquist steps, for which a third of the band is aliased.
 TOO_COARSE = 1.5 * 2
 MISSED = 5e-3
 
@@ -122,7 +123,7 @@ def test_fringes_over_position_and_lag_are_resolved(name):
         assert worst(f, points, steps, TOO_COARSE) > 2 * error
 
 
-# The phase in the far field varies fast at the edge of a plane only.
+# In the far field, the phase varies fast only at the edge of a plane.
 PLANES = [
     ("irradiance", "chevron", 2.0),
     ("irradiance", "array", 40.0),

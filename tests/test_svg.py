@@ -17,7 +17,7 @@ from polywigner.geometry.io.outlines import DEFAULT_TOLERANCE
 
 MILLIMETRES = 'width="20mm" height="10mm" viewBox="0 0 20 10"'
 
-# Rounding of a few additions and products.
+# Rounding error of a few additions and products.
 ROUNDING = 1e-14
 
 # The area between a chord and its curve is at most the length times the largest distance.
@@ -311,7 +311,7 @@ def test_a_size_that_is_none_raises(read: Read, root: str) -> None:
 
 @pytest.mark.parametrize("tolerance", [0, -1e-5, math.nan, "1 mm", True])
 def test_a_tolerance_is_a_length_above_zero(read: Read, tolerance: object) -> None:
-    with pytest.raises(ArgumentError, match="tolerance to be metres above zero"):
+    with pytest.raises(ArgumentError, match="tolerance to be a length in m above zero"):
         read('<circle r="3"/>', tolerance=tolerance)
     with pytest.raises(FileFormatError, match="larger tolerance"):
         read('<circle r="3"/>', tolerance=1e-18)
@@ -351,7 +351,7 @@ def test_nested_transforms_agree_with_another_reader(read: Read, seed: int) -> N
     assert difference(read(body, root, unit="m"), pw.Aperture(shapes)) < ROUNDING
 
 
-# The union has a grid of 2^-44 of the size.
+# Relative rounding error of unions, which have a grid of 2^-44 of the size.
 UNION = 1e-12
 
 BOARD = (

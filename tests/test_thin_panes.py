@@ -45,7 +45,7 @@ def summed_pane(index: float, angle: float) -> tuple[list[float], list[float]]:
 
 
 def powers(index: float, angle: float, polarisation: str, is_across: bool, **pane: Any) -> Any:
-    """Return powers with a pane in z = 0, for two ends at 1 m, on one side or on both sides."""
+    """Return powers with a pane in z = 0, for ends at 1 m on the same side or on opposite sides."""
     s, c = math.sin(angle), math.cos(angle)
     other = looking((s, 0, -c), (-s, 0, c)) if is_across else looking((s, 0, c), (-s, 0, -c))
     own = {"polarisation": polarisation} if mi.is_polarized else {}
@@ -121,7 +121,7 @@ def test_polarised_power_by_a_pane_is_that_of_its_channel() -> None:
 
 
 def test_two_panes_that_are_turned_pass_the_product_of_their_field_matrices() -> None:
-    """The planes of incidence are perpendicular: each polarisation is once s and once p."""
+    """The planes of incidence are perpendicular, so each polarisation is s once and p once."""
     mi.set_variant("scalar_rgb")
     one, other = looking((0, 0, 0), (1, 0, 0)), looking((2, 0, 0), (-1, 0, 0))
     glass = {"type": "thindielectric", "int_ior": 3.0, "ext_ior": 1.0}

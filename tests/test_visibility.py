@@ -27,7 +27,7 @@ pm = pytest.importorskip("polywigner.mitsuba")
 import mitsuba as mi  # noqa: E402 (after the package, which chooses the LLVM library)
 
 WHITE = {"type": "twosided", "b": {"type": "diffuse", "reflectance": 0.5}}
-# Poses of a scene have single precision.
+# Relative error of the poses of a scene, which are in single precision.
 SINGLE = 2e-6
 AHEAD = np.array([0.6, 0.2, 0.77]) / np.linalg.norm([0.6, 0.2, 0.77])
 

@@ -45,7 +45,7 @@ def _directions(*counts):
 X, NU = _points(2, 12e-3, 3), _points(2, 400.0, 4, 5)
 IN_FRONT = np.array([0.0, 0.0, 0.3]) + _points(3, 0.1, 3)
 
-# (function of its points, values of the points, unit of the result)
+# Test case: function of points, values of the points, and unit of the result.
 Case = tuple[Callable[..., Any], tuple[Any, ...], str]
 CASES: dict[str, Case] = {
     "fourier": (lambda nu: pw.fourier(SQUARE, nu), (NU,), "m2"),
@@ -110,7 +110,7 @@ def test_a_lazy_argument_stays_lazy_and_computes_the_same(name):
     assert lazy.chunks is not None
     assert lazy.dtype == eager.dtype
     assert lazy.chunksizes[eager.dims[0]][0] == 2
-    # sums over blocks have another order
+    # The results differ by rounding, because sums over blocks have another order.
     np.testing.assert_allclose(lazy.values, eager.values, rtol=1e-12, atol=1e-12 * abs(eager).max())
     assert lazy.compute().attrs == eager.attrs
 

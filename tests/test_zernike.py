@@ -40,7 +40,7 @@ def test_derivatives_are_the_limits_of_differences():
 
 
 def test_indices_are_those_of_the_tables():
-    """Noll 1976, table I; ANSI Z80.28; Wyant and Creath 1992, table III."""
+    """The tables are Noll 1976, table I; ANSI Z80.28; and Wyant and Creath 1992, table III."""
     names = {
         "noll": {4: (2, 0), 5: (2, -2), 6: (2, 2), 7: (3, -1), 8: (3, 1), 11: (4, 0)},
         "osa": {3: (2, -2), 4: (2, 0), 5: (2, 2), 7: (3, -1), 8: (3, 1), 12: (4, 0)},
@@ -70,7 +70,7 @@ def test_fringe_polynomials_are_one_at_the_rim():
 
 @pytest.mark.parametrize("pupil", [SEVEN, pw.shapes.ring(2.0, 0.6, 40)], ids=["segments", "ring"])
 def test_polynomials_on_a_pupil_are_orthonormal(pupil):
-    """By an independent quadrature that is exact for the products."""
+    """The test uses an independent quadrature that is exact for the products."""
     modes = pw.zernike(dict.fromkeys(range(1, 37), 1.0), 2.0, orthogonal_on=pupil)
     nodes, weights = triangle_nodes(triangles_of(pupil.polygons), 16)
     table = modes.modes(*nodes.T)

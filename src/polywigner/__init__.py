@@ -9,7 +9,7 @@ import importlib
 
 __version__ = "0.1.0"
 
-# pathlib would take longer to import than this module.
+# `open` is used because the import of pathlib would take longer than the import of this module.
 with open(__file__.removesuffix("c") + "i", encoding="utf-8") as stub:  # noqa: PTH123
     _IMPORTS = [line.split() for line in stub if line.startswith("from ")]
 _HOMES = {name: home for _, home, _, name, *_ in _IMPORTS}

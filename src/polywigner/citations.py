@@ -22,8 +22,7 @@ METHODS: dict[str, tuple[str, ...]] = {
     "tapers": ("taylor1955line",),
     "arrays": ("skolnik1964statistically", "barnett2019nufft"),
 }
-"""Bibliography keys for each method. They refer to publications on the method's formulas or
-software."""
+"""Bibliography keys of the publications on the formulas or the software of each method."""
 
 
 def cite(*methods: str) -> str:
@@ -34,7 +33,8 @@ def cite(*methods: str) -> str:
     *methods : str
         "fourier", "wigner", "ambiguity", "otf", "radiometry", "propagation", "rendering", "range"
         (profiles and frames), "llvm" (the compiled engine), "tapers" (Taylor), "arrays" (thinned
-        arrays; interpolation of weights). Without methods: the paper and polywigner only.
+        arrays; interpolation of weights). Without methods, the result contains only the paper and
+        polywigner.
 
     Returns
     -------

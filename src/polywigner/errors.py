@@ -119,5 +119,5 @@ def require(name: str, extra: str, purpose: str = "") -> Any:
 class PolywignerWarning(UserWarning):
     """A result is less accurate than requested, or less accurate than usual for its method.
 
-    Arguments whose unit is probably wrong and damaged chunks of a store also cause this warning.
+    This warning also reports arguments whose unit is probably wrong, and damaged chunks of a store.
     """

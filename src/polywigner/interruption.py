@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 def atomic_path(path: Path) -> Iterator[Path]:
     """Yield a scratch path next to ``path``, and rename it to ``path`` when the block ends.
 
-    The scratch path has the same suffix. If the block raises an exception, including
+    The scratch path has the same suffix as ``path``. If the block raises an exception, including
     KeyboardInterrupt, the new content is removed, and an earlier file or folder at ``path`` stays
     unchanged.
     """
@@ -48,7 +48,7 @@ def _replace_folder(scratch: Path, path: Path) -> None:
     path.rename(old)
     try:
         scratch.rename(path)
-    # Ctrl-C also restores the old folder.
+    # BaseException includes KeyboardInterrupt, so Ctrl-C also restores the old folder.
     except BaseException:
         if not path.exists():
             old.rename(path)

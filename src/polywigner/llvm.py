@@ -66,7 +66,7 @@ _ENVIRONMENT_LIBRARIES = ("lib/libLLVM*.so*", "lib/libLLVM*.dylib", "Library/bin
 
 # Time limit of a probe [s]; the first import from a cold disk is slow.
 _TIME_LIMIT = 120.0
-# Return codes of crashes, in contrast to Ctrl-C and temporary failures.
+# Return codes of child processes that crashed; Ctrl-C and temporary failures have other codes.
 _CRASHES = (-signal.SIGABRT, -signal.SIGSEGV, -signal.SIGILL, -signal.SIGFPE)
 
 _KERNELS = """
@@ -102,7 +102,7 @@ class LLVMStatus:
     problem: str | None = None
     remedy: str | None = None
     drjit_imports: bool = True
-    # Paths of unusable libraries, and reasons.
+    # Paths of unusable libraries, each with the reason.
     refused: tuple[tuple[str, str], ...] = ()
 
 
@@ -123,7 +123,7 @@ def prepare(*, refresh: bool = False) -> LLVMStatus:
     and with ``POLYWIGNER_NO_LLVM=1``, it is set to a path that does not exist.
 
     The status is the same object on every call, unless ``refresh`` repeats the search. The first
-    call takes some milliseconds, and 0.2 s for each library that is not cached.
+    call takes some milliseconds, plus 0.2 s for each library without a cached result.
     """
     global _status
     with _lock:
@@ -173,7 +173,7 @@ def _silent_stderr() -> Iterator[None]:
 
 def _find_usable_library() -> LLVMStatus:
     """Return the status with the first usable library, or with the reason if there is none."""
-    # Some wheels do not need libatomic, so an import decides.
+    # Some wheels of Dr.Jit do not need libatomic, so a test import decides.
     if not _has_libatomic() and run_in_child("import drjit").returncode != 0:
         return LLVMStatus(
             False,
@@ -277,11 +277,11 @@ def version_of_name(path: str) -> tuple[int, ...] | None:
 
 
 def probe(path: str) -> tuple[str | None, str | None]:
-    """Return the version of a library, or None, and the reason if it is not usable, or None.
+    """Return the version of a library, and the reason why it is not usable; both may be None.
 
-    The result comes from its name, from the cache, or from a test in a child process. The key of
-    the cache includes the machine, because machines with different processors may share a home
-    folder. The version is None if a test finds the library unusable.
+    The result comes from the name of the library, from the cache, or from a test in a child
+    process. The key of the cache includes the machine, because machines with different processors
+    may share a home folder. The version is None if a test finds the library unusable.
     """
     version = version_of_name(path)
     if version is not None and version[0] < OLDEST_VERSION:
@@ -296,7 +296,8 @@ def probe(path: str) -> tuple[str | None, str | None]:
     tested = child.stdout.split()[-1] if is_usable else None
     problem = None if is_usable else _failure_reason(child)
     if is_usable or child.returncode in _CRASHES:
-        # Other failures, such as missing dependencies, may be repaired later.
+        # Other failures, such as missing dependencies, are not cached, because users may repair
+        # them.
         with contextlib.suppress(OSError), atomic_path(cache) as scratch:
             scratch.parent.mkdir(parents=True, exist_ok=True)
             scratch.write_text(json.dumps({"version": tested, "problem": problem}))
@@ -332,7 +333,8 @@ def run_in_child(script: str, library: str = NONE_USABLE) -> subprocess.Complete
 
     command = [sys.executable, "-P", "-c", script]
     try:
-        # The folder receives core dumps, and a new kernel cache so that kernels are compiled.
+        # The folder receives core dumps and an empty kernel cache, which forces Dr.Jit to compile
+        # kernels.
         with temporary_folder() as folder:
             environment = {
                 **os.environ,
@@ -362,7 +364,7 @@ def _failure_reason(child: subprocess.CompletedProcess[str]) -> str:
     return f"{end}{text[:120].strip(' .!')}"
 
 
-# Alternatives in order of preference; packages of Ubuntu may end with t64.
+# Names of LLVM packages in order of preference; on Ubuntu, names may end with t64.
 _LLVM = [f"libllvm{major}{suffix}" for major in (19, 20, 21, 22, 18, 17) for suffix in ("", "t64")]
 _LIBATOMIC = ["libatomic1"]
 
@@ -398,7 +400,7 @@ def install_packages(packages: Sequence[Sequence[str]]) -> None:
         raise EngineError(f"Run `apt-get install {names}` as root.")
     for alternatives in packages:
         problem = _install(alternatives)
-        # Package lists may be missing or old.
+        # Package lists may be missing or old, so a failed installation is repeated with new lists.
         if problem:
             _apt("apt-get", "update")
             problem = _install(alternatives)
@@ -407,7 +409,7 @@ def install_packages(packages: Sequence[Sequence[str]]) -> None:
 
 
 def _install(alternatives: Sequence[str]) -> str:
-    """Install an available alternative; return apt-get's error message, empty on success."""
+    """Install one of several packages; return apt-get's error message, empty on success."""
     name = _available_package(alternatives)
     print(f"polywigner: installing {name} (apt-get install) ...", file=sys.stderr, flush=True)
     options = ["-o", "DPkg::Lock::Timeout=300", "-y", "--no-install-recommends"]
@@ -438,7 +440,7 @@ def _apt(tool: str, *arguments: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-# tools/bootstrap runs this file.
+# tools/bootstrap runs this file as a script.
 if __name__ == "__main__":
     try:
         print(f"polywigner: LLVM {install_llvm().version} is usable.", file=sys.stderr)

@@ -9,7 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, value_text
-from polywigner.geometry.arguments import Immutable, checked_number, checked_vectors, finite_array
+from polywigner.geometry.arguments import (
+    Immutable,
+    broadcast_shape,
+    checked_number,
+    checked_vectors,
+    finite_array,
+)
 from polywigner.geometry.illumination import turned_points
 
 Matrix = NDArray[np.float64]
@@ -62,9 +68,10 @@ def checked_pair(value: Any, expected: str) -> Matrix:
 class FirstOrder(Immutable):
     """A first-order optical system, described by its symplectic ray matrix [[A, B], [C, D]].
 
-    A ray that enters the system at x (m) with the direction cosines s = lambda nu leaves it at A x
-    + B s, with the direction cosines C x + D s. Systems are composed with ``@``, like matrices: the
-    right one acts first. Source: M. J. Bastiaans, J. Opt. Soc. Am. 69, 1710 (1979).
+    A ray with the position x (m) and the direction cosines s = lambda nu leaves the system at the
+    position A x + B s, with the direction cosines C x + D s. Systems are composed with ``@``, like
+    matrices: the right system acts first. Source: M. J. Bastiaans, J. Opt. Soc. Am. 69, 1710
+    (1979).
 
     Parameters
     ----------
@@ -154,7 +161,7 @@ class FirstOrder(Immutable):
         [[-2.0, 0.0], [0.0, 0.0]]
         """
         expected = "expected f to be a focal length in m other than 0, or a pair (f_x, f_y)"
-        powers = -1.0 / checked_pair(f, f"{expected}; inf means no lens") + 0.0
+        powers = -1.0 / checked_pair(f, f"{expected}, with inf for no lens") + 0.0
         axes = turned_points(_ONE, angle)
         if powers[0] == powers[1]:
             return cls([[1.0, 0.0], [powers[0], 1.0]])
@@ -194,9 +201,10 @@ class FirstOrder(Immutable):
 
     @classmethod
     def fourier(cls, f: float) -> FirstOrder:
-        """Return a lens between its focal planes, a Fourier transformer.
+        """Return a Fourier transformer, which is a lens between its focal planes.
 
-        The field at the back is F(x/(lambda f))/(i lambda f), without the phase of the axial path.
+        The field in the back focal plane is F(x/(lambda f))/(i lambda f), without the phase of the
+        axial path.
 
         Parameters
         ----------
@@ -225,8 +233,8 @@ class FirstOrder(Immutable):
     def fractional(cls, order: float, f: float) -> FirstOrder:
         """Return the fractional Fourier transformer, a rotation of phase space by quarter turns.
 
-        Orders add up: 1 is :meth:`fourier`, 2 an inverted image, 4 the identity. Source:
-        A. W. Lohmann, J. Opt. Soc. Am. A 10, 2181 (1993).
+        The orders of successive systems add up. Order 1 is :meth:`fourier`, order 2 an inverted
+        image, and order 4 the identity. Source: A. W. Lohmann, J. Opt. Soc. Am. A 10, 2181 (1993).
 
         Parameters
         ----------
@@ -252,10 +260,7 @@ class FirstOrder(Immutable):
         >>> (half @ half).A.round(15).tolist()
         [[0.0, 0.0], [0.0, 0.0]]
         """
-        meaning = "a length in m other than 0"
-        scale = checked_number(f, "f", meaning)
-        if not abs(scale) >= _LEAST:
-            raise ArgumentError(f"expected f to be {meaning}, got {value_text(f)}")
+        scale = checked_number(f, "f", "a length in m other than 0", lambda x: abs(x) >= _LEAST)
         quarters = checked_number(order, "order", "a number of quarter turns")
         turned = turned_points(np.array([[1.0, 0.0]]), math.remainder(quarters, 4.0) * math.pi / 2)
         cosine, sine = turned[0].tolist()
@@ -263,7 +268,7 @@ class FirstOrder(Immutable):
 
     @classmethod
     def rotation(cls, angle: float) -> FirstOrder:
-        """Return a counter-clockwise rotation about the optical axis, as by image-rotating prisms.
+        """Return a counter-clockwise rotation about the optical axis, such as by prisms.
 
         Parameters
         ----------
@@ -320,7 +325,7 @@ class FirstOrder(Immutable):
 
     @property
     def is_symmetric(self) -> bool:
-        """Whether the system is rotationally symmetric: blocks are multiples of the unit matrix."""
+        """Whether the system is rotationally symmetric (blocks proportional to the unit matrix)."""
         blocks = (self.A, self.B, self.C, self.D)
         return all(b[0, 0] == b[1, 1] and not (b[0, 1] or b[1, 0]) for b in blocks)
 
@@ -357,28 +362,15 @@ class FirstOrder(Immutable):
             checked_vectors(x, "expected x of shape (..., 2)", (2,)),
             checked_vectors(s, "expected s of shape (..., 2)", (2,)),
         )
-        try:
-            rays = np.concatenate(np.broadcast_arrays(*both), axis=-1) @ self.matrix.T
-        except ValueError as error:
-            raise ArgumentError(
-                f"expected x and s with shapes that broadcast against each other: {error}"
-            ) from None
+        shape = broadcast_shape(*(part.shape for part in both))
+        rays = np.concatenate([np.broadcast_to(a, shape) for a in both], axis=-1) @ self.matrix.T
         return rays[..., :2], rays[..., 2:]
 
     def __matmul__(self, other: FirstOrder) -> FirstOrder:
-        """Return the system that consists of ``other``, followed by this system.
-
-        Raises ArgumentError if an element of the product overflows.
-        """
+        """Return the system that consists of ``other``, followed by this system."""
         if not isinstance(other, FirstOrder):
             return NotImplemented
-        with np.errstate(over="ignore", invalid="ignore"):
-            product = self.matrix @ other.matrix
-        if not np.isfinite(product).all():
-            raise ArgumentError(
-                "the matrix of the product of these two systems overflows; check the units of "
-                "the systems"
-            )
+        product = self.matrix @ other.matrix
         first, second = abs(self.matrix), abs(other.matrix)
         rounding = (self.rounding + _ULP * first) @ second + first @ other.rounding
         product[abs(product) <= rounding] = 0.0
@@ -386,7 +378,7 @@ class FirstOrder(Immutable):
 
     @property
     def _key(self) -> bytes:
-        """Bytes of the matrix, which are equal for equal systems."""
+        """Bytes of the ray matrix; equal systems have equal bytes."""
         return (self.matrix + 0.0).tobytes()
 
     def __repr__(self) -> str:

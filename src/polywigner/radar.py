@@ -2,7 +2,7 @@
 
 A waveform defines the frequency f_n and the time t_n of each sample n within a repetition of the
 duration T. After mixing with the transmitted signal, a path with the amplitude a and the delay
-tau(t) contributes to sample n of repetition m the signal (RC1)
+tau(t) adds the following signal to sample n of repetition m, equation (RC1):
 
     s_mn = a exp(2 pi i f_n tau(t_mn)),    t_mn = m T + t_n
 
@@ -21,7 +21,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from polywigner.errors import ArgumentError, require, value_text
-from polywigner.geometry.arguments import checked_choice, checked_count, checked_length
+from polywigner.geometry.arguments import (
+    checked_choice,
+    checked_count,
+    checked_length,
+    checked_number,
+)
 from polywigner.numerics import Complex, Floats
 from polywigner.quantities import SPEED_OF_LIGHT, parse_duration, parse_frequency
 
@@ -29,11 +34,11 @@ if TYPE_CHECKING:
     import xarray
 
 
-# Largest numbers of samples and of repetitions.
+# Largest number of samples, and largest number of repetitions.
 _MOST = 1 << 20
-# Relative tolerance of intervals and sample rates.
+# Relative tolerance in comparisons of intervals and sample rates.
 _ROUNDING = 1e-9
-# Points at which windows over an array are computed before interpolation.
+# Number of points at which windows over an array are computed before interpolation.
 _WINDOW_POINTS = 1025
 
 
@@ -85,13 +90,10 @@ class FMCW:
         for name in ("samples", "chirps"):
             checked_count(getattr(self, name), name, 1, _MOST)
         shortest = self.samples / self.sample_rate
+        meaning = f"a time of at least samples/sample_rate, {shortest:.4g} s"
+        least = shortest * (1 - _ROUNDING)
         interval = self.interval or shortest
-        checked_length(interval, "interval", meaning="a time in s above zero")
-        if interval < shortest * (1 - _ROUNDING):
-            raise ArgumentError(
-                f"interval must be at least samples/sample_rate, {shortest:.4g} s, got "
-                f"{interval:.4g} s"
-            )
+        checked_number(interval, "interval", meaning, lambda x: x >= least)
         object.__setattr__(self, "interval", interval)
 
     @property
@@ -126,26 +128,26 @@ class FMCW:
 
     @property
     def noise_gain(self) -> float:
-        """Noise power of a spectrum value divided by the noise power of a sample, here 1."""
+        """Noise power of a spectrum value divided by the noise power of a sample, which is 1."""
         return 1.0
 
     def from_spectrum(self, spectrum: Complex) -> Complex:
         """Convert amplitudes at all frequencies to samples, shape (..., samples).
 
-        For waveforms with one frequency per sample, this returns the argument itself.
+        For waveforms with one frequency per sample, the argument is returned unchanged.
         """
         return spectrum
 
     def to_spectrum(self, signal: Complex) -> Complex:
         """Convert samples, shape (..., samples), to amplitudes at all frequencies.
 
-        For waveforms with one frequency per sample, this returns the argument itself.
+        For waveforms with one frequency per sample, the argument is returned unchanged.
         """
         return signal
 
 
 class SteppedFrequency(FMCW):
-    """Steps of constant frequency with one sample each.
+    """Steps of constant frequency, with one sample per step.
 
     All parameters of :class:`FMCW` apply: ``samples`` is the number of steps, and
     ``1 / sample_rate`` the duration of a step.
@@ -181,7 +183,7 @@ class Pulse(FMCW):
     def noise_gain(self) -> float:
         """Noise power of a spectrum value divided by the noise power of a sample.
 
-        It equals the number of samples.
+        The quotient equals the number of samples.
         """
         return float(self.samples)
 
@@ -222,7 +224,7 @@ def parse_waveform(text: str | FMCW) -> FMCW:
     Returns
     -------
     FMCW
-        The waveform, of the class that the text specifies.
+        Waveform of the class that the text specifies.
 
     Raises
     ------
@@ -368,7 +370,8 @@ def range_angle(
             f"expected several array elements along {array_axis}, got positions "
             f"{positions.ravel()!r:.60}"
         )
-    # One more element spacing prevents weights of zero at the ends.
+    # The window extends beyond the array by half an element spacing at both ends, so that no weight
+    # is zero.
     spacing = extent / (len(np.unique(positions.round(9))) - 1)
     across = (positions - positions.min() + spacing / 2) / (extent + spacing)
     shape = window_of(window, _WINDOW_POINTS)
@@ -376,11 +379,12 @@ def range_angle(
     weights /= weights.sum()
     waves = np.exp(2j * np.pi / waveform.wavelength * np.multiply.outer(cosines, positions))
     image = np.zeros((len(values), len(cosines), len(ranges)))
-    # One range rate at a time limits the memory.
+    # Processing one range rate at a time limits the memory.
     for rate in range(values.shape[3]):
         beams = np.tensordot(values[..., rate, :], waves * weights, axes=([1, 2], [1, 2]))
         image += np.square(np.abs(beams)).swapaxes(1, 2)
-    # The window spreads a target over several range rates, by its noise bandwidth in bins.
+    # The window spreads a target over several range rates, so their sum is divided by the noise
+    # bandwidth of the window in bins.
     of_rates = window_of(window, waveform.chirps)
     image /= len(of_rates) * (of_rates**2).sum() / of_rates.sum() ** 2
     floor = float(cube["noise_power"].values.mean() * of_range * (weights**2).sum())
@@ -424,12 +428,6 @@ def detections(
         If the numbers of bins or the probability are out of range.
     """
     filters = require("scipy.ndimage", "arrays", "detections are found with")
-    if not (hasattr(image, "dims") and len(guard) == len(training) == 2):
-        raise ArgumentError(
-            "expected image to be a DataArray from range_doppler or range_angle, and guard and "
-            f"training as two numbers each, got {type(image).__name__}, {guard!r} and "
-            f"{training!r}"
-        )
     near = [checked_count(n, "guard", 0, _MOST) for n in guard]
     far = [n + checked_count(m, "training", 1, _MOST) for n, m in zip(near, training, strict=True)]
     if any(2 * n >= size for n, size in zip(far, image.shape[-2:], strict=True)):
@@ -437,12 +435,11 @@ def detections(
             "expected fewer guard and training bins than the map has bins, "
             f"{image.shape[-2:]}, got {guard!r} and {training!r} on each side"
         )
-    if not 0 < false_alarm < 1:
-        raise ArgumentError(f"false_alarm must be between 0 and 1, got {value_text(false_alarm)}")
+    checked_number(false_alarm, "false_alarm", "between 0 and 1", lambda x: 0 < x < 1)
     modes = ["wrap" if dim == "range_rate" else "reflect" for dim in image.dims[-2:]]
 
     def sums(half_widths: list[int]) -> tuple[Floats, int]:
-        """Return sums of the image over windows around each bin, and the number of bins."""
+        """Return sums of the image over windows around all bins, and the bins per window."""
         sizes = [2 * n + 1 for n in half_widths]
         mean = filters.uniform_filter(image.values, sizes, mode=modes, axes=(-2, -1))
         return mean * np.prod(sizes), int(np.prod(sizes))
@@ -454,7 +451,7 @@ def detections(
 
 
 def window_of(name: str, count: int) -> Floats:
-    """Return a symmetric window (count,) without zeros at its ends, not normalised by its sum.
+    """Return a symmetric window, shape (count,), unnormalised and without zeros at its ends.
 
     Raises ArgumentError for unknown names.
     """
@@ -471,9 +468,9 @@ def window_of(name: str, count: int) -> Floats:
 def _by_rate(cube: Any, window: str, pad: int) -> tuple[Complex, Floats, float]:
     """Transform a data cube from repetitions to range rates.
 
-    Returns spectra (draw, receiver, emitter, rate, frequency), compensated for motion within
-    repetitions, ascending range rates in m/s, and the factor by which the window changes the noise
-    power. ``pad``: number of bins per resolution cell.
+    Returns spectra (draw, receiver, emitter, rate, frequency), ascending range rates in m/s, and
+    the factor by which the window changes the noise power. The spectra are compensated for motion
+    within repetitions. ``pad``: number of bins per resolution cell.
     """
     waveform = waveform_of(cube)
     bins = waveform.chirps * checked_count(pad, "pad", 1, 64)

@@ -9,19 +9,19 @@ from typing import Any
 import numpy as np
 
 from polywigner import transforms
-from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, Slits
-from polywigner.geometry.arguments import checked_count
+from polywigner.geometry.arguments import checked_count, checked_type
 from polywigner.numerics import Floats
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
 
 __all__ = ["check"]
 
-# Name of the law, its left and right sides, their allowed difference, and the arguments by name.
+# A law: its name, its left and right side, their allowed difference, and the arguments by name.
 Law = tuple[str, Any, Any, float, dict[str, Floats]]
 
-# Allowed difference, relative to the largest possible value, for a source at the origin.
+# Allowed difference of both sides, relative to the largest possible value, for a source at the
+# origin.
 _TOLERANCE = 1e-12
 # Lattice for the integral of W over x: number of points, generator, relative error of int |u|^2.
 _LATTICE, _STEP, _LATTICE_ERROR = 10946, 6765, 2e-3
@@ -33,7 +33,7 @@ def check(source: Aperture | Slits | Array, points: int = 100, seed: int = 0) ->
     The laws, in d dimensions: W is real and bounded by 2^d int |u|^2; A is Hermitian and bounded by
     A(0, 0) = int |u|^2; W(x, 0) and A(0, xi) are the marginals; int W dx = |F(nu)|^2; translations
     only change coordinates and phases; weights of an array act linearly on F and quadratically on
-    W; F(0) of a uniform source is its area. docs/theory/transforms.md derives them.
+    W; F(0) of a uniform source is its area. docs/theory/transforms.md derives the laws.
 
     Parameters
     ----------
@@ -56,8 +56,7 @@ def check(source: Aperture | Slits | Array, points: int = 100, seed: int = 0) ->
     >>> import polywigner as pw
     >>> pw.testing.check(pw.shapes.u_shape(20e-3, 12e-3, 3e-3))
     """
-    if not isinstance(source, (Aperture, Slits, Array)):
-        raise ArgumentError(f"expected an Aperture, Slits or an Array, got {type(source).__name__}")
+    checked_type(source, "an Aperture, Slits or an Array", Aperture, Slits, Array)
     checked_count(points, "points", 1)
     for law, left, right, allowed, arguments in _laws(source, points, seed):
         off = np.abs(np.asarray(left) - np.asarray(right))
@@ -109,7 +108,8 @@ def _laws(source: Aperture | Slits | Array, points: int, seed: int) -> Iterator[
     at_zero, marginal = transforms.ambiguity(source, zero, xi), transforms.lag_marginal(source, xi)
     yield "A(0, xi) = R_xi(xi)", at_zero, marginal, allowed, {"xi": xi}
 
-    # The lattice resolves only low frequencies.
+    # The lattice resolves only low frequencies, so the integral is tested at few, small
+    # frequencies.
     few = nu[: max(1, points // 25)] / 8.0
     lattice, cell = _lattice(low, high)
     integral = cell * transforms.wigner(source, lattice, few[:, None]).sum(axis=1)

@@ -22,11 +22,12 @@ def scattered_field(
     across: int,
     meet: Callable[..., Any] | None = None,
 ) -> tuple[np.ndarray, float]:
-    """Return the sum of n x (k x E) exp(-2 pi i s.x/wavelength) dA (3,), and the area hit by rays.
+    """Return the scattered far field (3,), and the area that rays hit.
 
-    Rays start in a raster across the direction t to the transmitter, with the field p. Each hit
-    counts if the receiver at s sees it. ``corners`` of triangles (n, 3, 3); ``meet``: as
-    :func:`first_met`.
+    The field is the sum of n x (k x E) exp(-2 pi i s.x/wavelength) dA over all hits that the
+    receiver in the direction s sees. Rays start in a raster across the direction t to the
+    transmitter, with the field p. ``corners`` (n, 3, 3) are triangles, and ``meet`` is a function
+    like :func:`first_met`.
     """
     meet = meet or partial(first_met, corners)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -56,7 +57,8 @@ def scattered_field(
 
 def _raster(points: np.ndarray, t: Any, across: int) -> tuple[np.ndarray, float]:
     """Return starts (n, 3) of rays across the direction t around points, and the area per ray."""
-    # Not along edges, which all rays would miss by the same distance.
+    # The raster is not parallel to edges, because all rays would miss a parallel edge by the same
+    # distance.
     turn = np.array([[0.8, 0.6], [-0.6, 0.8]])
     axes = turn @ np.linalg.svd(np.asarray(t)[None])[2][1:]
     flat = points @ axes.T
@@ -67,7 +69,7 @@ def _raster(points: np.ndarray, t: Any, across: int) -> tuple[np.ndarray, float]
 
 
 def first_met(corners: np.ndarray, start: np.ndarray, along: np.ndarray, last: Any) -> Any:
-    """Return the first triangles hit by rays (n, 3), -1 for none, and their distances.
+    """Return the first triangles that rays (n, 3) hit, or -1, and the distances of the hits.
 
     Rays do not hit the planes of the triangles ``last`` from which they start.
     """

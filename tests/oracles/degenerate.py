@@ -1,8 +1,8 @@
-"""Random outlines whose copies coincide, touch or are nearly parallel, without end.
+"""Endless random outlines with edges that coincide, touch or are nearly parallel in the copies.
 
-Regular polygons and lattices have centres of symmetry and edges along lags; turned, scaled and
-shaken they have them up to rounding only. Vertices lie on any floats or on a grid of 2^-40, where
-cross products of edges and offsets are often exactly 0, or next to it.
+Regular polygons and lattices have centres of symmetry and edges along lags. After rotation, scaling
+and jitter, these properties hold only up to rounding. Vertices lie on any floats or on a grid of
+2^-40, where cross products of edges and offsets are often exactly 0, or next to it.
 """
 
 from __future__ import annotations

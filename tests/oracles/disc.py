@@ -1,7 +1,7 @@
 """Transforms of a disc, and polygons that converge to the disc.
 
-F and W at the centre are Bessel functions. Elsewhere slices are intersections of two discs, whose
-transform is one smooth integral.
+F and W at the centre are Bessel functions. At other points, slices are intersections of two discs,
+whose transform is a smooth integral.
 """
 
 from __future__ import annotations
@@ -62,8 +62,9 @@ def _inscribed(polygon: pw.Aperture) -> pw.Aperture:
     return pw.shapes.regular_polygon(len(polygon.rings[0]), 1.0)
 
 
-# Name -> value of the polygon, value of the unit disc, and order of convergence: fourth if all
-# sides contribute alike, third if a slice cuts some sides, and second if the area differs.
+# For each name: the value for a polygon, the value for the unit disc, and the order of convergence.
+# The order is 4 if all sides contribute alike, 3 if a slice cuts some sides, and 2 if the areas
+# differ.
 QUANTITIES: dict[str, tuple[Callable[[pw.Aperture], Array], Array, int]] = {
     "F": (lambda g: pw.fourier(g, NU), np.pi * _jinc(2 * np.pi * np.hypot(*NU.T)), 4),
     "W at the centre": (

@@ -16,9 +16,9 @@ _NODES = 12
 
 
 def distant_fields(source: Any, point: Any, wavelength: float) -> dict[str, complex]:
-    """Return U at a point (3,) by each method, and "fraunhofer" with each exact obliquity.
+    """Return U at a point (3,) by each method, where "fraunhofer" has each exact obliquity.
 
-    ``source``: a rectangle along the axes with any field, or an Array of rectangles.
+    ``source`` is a rectangle along the axes with any field, or an Array of such rectangles.
     """
     with mpmath.workdps(_DIGITS):
         result = {name: mpmath.mpc(0) for name in _names()}

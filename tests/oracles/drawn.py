@@ -26,7 +26,8 @@ _sizes = st.floats(0.2, 1.0)
 def _round_ring(draw: st.DrawFn, convex: bool) -> np.ndarray:
     """Draw a star-shaped ring around the origin, on an ellipse if ``convex``."""
     count = draw(st.integers(3, 9))
-    # Relative steps from 0.6 to 1 leave no gap of half a circle, so that the origin is inside.
+    # With relative steps from 0.6 to 1, no angle between vertices reaches 180 degrees, so the
+    # origin is inside the ring.
     gaps = np.array(draw(st.lists(st.floats(0.6, 1), min_size=count, max_size=count)))
     angle = 2 * math.pi * np.cumsum(gaps / gaps.sum())
     radius = np.ones(count)

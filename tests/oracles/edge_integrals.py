@@ -2,7 +2,7 @@
 
 The vector potential of Miyamoto and Wolf and the solid angle of the polygon give Kirchhoff's field
 at P and at the mirror point. Their difference and sum are the fields of Rayleigh and Sommerfeld.
-Gauss rules of 28 nodes on pieces of at most six cycles of phase err by about 1e-19.
+Gauss rules of 28 nodes on pieces of at most six cycles of phase have errors of about 1e-19.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def fields(
 def parabolic_field(
     rings: Sequence[np.ndarray], point: Sequence[float], wavelength: float
 ) -> complex:
-    """Return Fresnel's field of a wave along z at a point, (B6)."""
+    """Return the Fresnel field (B6) of a wave along z at a point."""
     with mp.workdps(DIGITS):
         x, y, z = in_wavelengths(point, wavelength)
         total = mp.mpc(0)
@@ -108,7 +108,8 @@ def integrals_along(start: Any, end: Any, point: Any, p: Vector) -> tuple[Any, A
         )
     above, below, lift = mp.mpc(0), mp.mpc(0), 2 * pz * z
     mirrored = mp.expjpi(2 * lift)
-    # e.(p x (P - Q)) is lean + turn at the point, and lean - turn at the mirror point.
+    # The product e.(p x (P - Q)) is lean + turn for the point, and lean - turn for the mirror
+    # point.
     turn = z * (ex * py - ey * px)
     for t, weight in nodes_along(length, max(rates)):
         rx, ry = x - start[0] - t * ex, y - start[1] - t * ey

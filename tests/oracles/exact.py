@@ -106,7 +106,7 @@ def _crossing_heights(edges: list[_Edge]) -> set[Any]:
 
 
 def _row(active: list[_Edge], y0: Any, y1: Any, copies: int) -> dict[tuple[int, int], int]:
-    """Return pairs of edges that bound the region between y0 and y1, with its weight."""
+    """Return the pairs of edges that bound the region between y0 and y1, with its weight."""
     middle = (y0 + y1) / 2
     order = sorted(((e.x_at(middle), k) for k, e in enumerate(active)), key=lambda item: item[0])
     winding = [0] * copies

@@ -22,15 +22,16 @@ from oracles.shadow_quadrature import aperture_radiators, lit_regions, shadowed_
 COINCIDENT, STABILITY, STEEPEST = 20220205, 20220206, 20220207  # seeds
 # Numbers of frequencies, positions and lags of a shape.
 FREQUENCIES, POSITIONS, LAGS = 128, 500, 300
-# Number of frequencies of a source in each decade.
+# Number of frequencies in each decade, for each source.
 REAL = 5
 
 
 def coincident_edges() -> None:
     """Write W and A by :mod:`oracles.exact` of the outlines in the file, at hard points.
 
-    Takes a minute on one core with gmpy2, and a few minutes without. An outline is stored as rings
-    (stacked, with lengths and roles), positions and lags with the index of their frequency.
+    This takes a minute on one core with gmpy2, and a few minutes without gmpy2. An outline is
+    stored as rings (stacked, with lengths and roles), positions and lags with the index of their
+    frequency.
     """
     arrays = {}
     for number, name in enumerate(awkward_names()):
@@ -119,8 +120,7 @@ def shadows() -> None:
     (DATA / "shadows.json").write_text(json.dumps(reference, indent=1) + "\n", "utf-8")
 
 
-# 20 points of each group for a star of 1 mm at 550 nm, at distances in wavelengths or Fresnel
-# zones.
+# Star of 1 mm, wavelength of 550 nm, and direction cosines of the tilted wave.
 STAR, LIGHT, TILTED = (5, 0.5e-3, 0.2e-3), 550e-9, (0.3, -0.2)
 
 
@@ -156,7 +156,7 @@ def star_points(ring: np.ndarray) -> Iterator[tuple[str, tuple[float, float], np
     share = rng.uniform(size=(10, 1))
     shadow = np.concatenate([ring, ring + share * (np.roll(ring, -1, axis=0) - ring)])
     yield "boundary of the shadow", normal, np.column_stack([shadow, np.full(20, z)])
-    # Extensions of edges, and lines through corners across the edges.
+    # Points on extensions of edges, and on lines through corners across the edges.
     along = ring - np.roll(ring, -1, axis=0)
     beyond = np.concatenate([ring + 0.4 * along, ring + 0.4 * along[:, ::-1] * [-1.0, 1.0]])
     yield "lines through corners", normal, np.column_stack([beyond, np.full(20, z)])

@@ -18,16 +18,17 @@ from scipy.special import hankel1e
 Array = np.ndarray
 
 K = 2 * np.pi
-# Gauss nodes on a path along which exp(is^2) decays to exp(-49).
+# Gauss nodes on an integration path along which exp(is^2) decays to exp(-49).
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(240)
 _NODES, _WEIGHTS = 3.5 * (1 + _NODES), 3.5 * _WEIGHTS
 _TURN = np.exp(0.25j * np.pi)
 
 
 def field_of_half_plane(kind: str, source: Array, points: Array) -> Array:
-    """u at points (n, 3) of exp(ikR)/R from a source (3,), or sources (n, 3), at a half-plane.
+    """Return the field at points (n, 3) of one source (3,) or of sources (n, 3) at a half-plane.
 
-    The half-plane is z = 0, x < 0; the source has z < 0. Lengths are in wavelengths.
+    The incident wave is exp(ikR)/R. The half-plane is z = 0, x < 0, and the source has z < 0.
+    Lengths are in wavelengths.
     """
     (radius, angle), (from_edge, start) = (_polar(p) for p in (points, source))
     along = points[..., 1] - source[..., 1]
@@ -37,7 +38,7 @@ def field_of_half_plane(kind: str, source: Array, points: Array) -> Array:
 
 
 def incident_shadow(source: Array, points: Array) -> Array:
-    """Return the first of both waves over exp(ikR)/R."""
+    """Return the first of the two waves, divided by exp(ikR)/R."""
     (radius, angle), (from_edge, start) = (_polar(p) for p in (points, source))
     along, difference = points[..., 1] - source[..., 1], angle - start
     distance = np.linalg.norm(points - source, axis=-1)
@@ -48,7 +49,7 @@ def incident_shadow(source: Array, points: Array) -> Array:
 def _polar(points: Array) -> tuple[Array, Array]:
     """Return the distance from the edge, and the angle from the side that faces -z."""
     x, _, z = np.moveaxis(points, -1, 0)
-    # adding 0 turns the angle of points on the half-plane, where z = 0, into 0
+    # Adding 0 makes the angle of points on the half-plane (z = 0) zero.
     return np.hypot(x, z), np.mod(np.arctan2(-z + 0.0, -x), 2 * np.pi)
 
 
@@ -62,7 +63,7 @@ def _wave(first: Array, last: Array, along: Array, angle: Array) -> Array:
 
 
 def _beyond(kr: Array, start: Array) -> Array:
-    """The integral from ``start`` to infinity, over exp(ikR)."""
+    """Return the integral from ``start`` to infinity, divided by exp(ikR)."""
     squares = (start[..., None] + _TURN * _NODES) ** 2
     terms = hankel1e(1, kr[..., None] + squares) * np.exp(1j * squares)
     return _TURN * (_WEIGHTS * terms / np.sqrt(squares + 2 * kr[..., None])).sum(axis=-1)

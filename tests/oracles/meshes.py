@@ -79,7 +79,7 @@ def ball(radius: float, steps: int) -> pw.Polyhedron:
 
 
 def torus(count: int, around: int) -> pw.Polyhedron:
-    """Return a torus of 2 count around facets with radii 1 and 0.4."""
+    """Return a torus with 2 * count * around facets and the radii 1 and 0.4."""
     i, j = (k.ravel() for k in np.meshgrid(np.arange(count), np.arange(around), indexing="ij"))
     a, b = 2 * np.pi * i / count, 2 * np.pi * j / around
     out = 1 + 0.4 * np.cos(b)

@@ -1,4 +1,4 @@
-"""Far field of a few multipoles, whose power a Gauss rule on the sphere gives exactly."""
+"""Far field of a few multipoles, whose power is exact with a Gauss rule on the sphere."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ FREE_SPACE = 376.730313412  # ohm
 def field(theta: Any, phi: Any) -> tuple[Any, Any]:
     """Return rE_theta and rE_phi in V of two electric dipoles, a magnetic dipole and a quadrupole.
 
-    With exp(+j omega t). For negative theta, the unit vectors of (-theta, phi) are minus those of
-    (theta, phi + pi).
+    The time factor is exp(+j omega t). For negative theta, the unit vectors of (-theta, phi) are
+    minus those of (theta, phi + pi).
     """
     polar = np.cos(theta) * np.cos(phi) + 0.5j * np.sin(phi) + 0.3 * np.sin(2 * theta)
     azimuthal = -np.sin(phi) + 0.5j * np.cos(theta) * np.cos(phi) + 0.2 * np.sin(theta)

@@ -15,7 +15,7 @@ Kernel = Callable[[Any, Any, float], Any]
 
 
 def first_integral(x: Any, points: Any, wavelength: float) -> Any:
-    """Return the first Rayleigh-Sommerfeld kernel, for a field in the opening."""
+    """Return the first Rayleigh-Sommerfeld kernel, which multiplies the field in the opening."""
     k = 2 * np.pi / wavelength
     away = points[:, None, :2] - x
     height = points[:, 2, None]
@@ -24,7 +24,7 @@ def first_integral(x: Any, points: Any, wavelength: float) -> Any:
 
 
 def second_integral(x: Any, points: Any, wavelength: float) -> Any:
-    """Return the second Rayleigh-Sommerfeld kernel, for a normal derivative over ik."""
+    """Return the second Rayleigh-Sommerfeld kernel, for the normal derivative over ik."""
     away = points[:, None, :2] - x
     reach = np.sqrt((away**2).sum(axis=-1) + points[:, 2, None] ** 2)
     return np.exp(2j * np.pi * reach / wavelength) / (1j * wavelength * reach)
@@ -58,9 +58,9 @@ def irradiance_of_tilts(
 ) -> Any:
     """Return the irradiance by a sum over tilts on a dense grid.
 
-    The kernel is a times the first plus b times the second kernel. ``waves``: weights (n,) times
-    the field of each plane wave, and its spatial frequency (2,). The normal derivative of a wave of
-    frequency t is ik p_z(t) times its field.
+    The kernel is a times the first kernel plus b times the second kernel. ``waves`` contains
+    weights (n,) times the field of each plane wave, and the spatial frequency (2,) of the wave. The
+    normal derivative of a wave of frequency t is ik p_z(t) times its field.
     """
     reach = 6.5 / (2 * np.pi * width)
     t = np.linspace(-reach, reach, 81)

@@ -1,4 +1,4 @@
-"""Positions and lags at which edges of the two copies coincide, with jitter of a few ulps.
+"""Positions and lags at which edges of both copies of an outline coincide, with some jitter.
 
 A reflection at x maps an edge onto its line if x is on that line, and onto a parallel edge if x is
 midway between both lines. A shift by xi does so for xi along an edge, or between two such

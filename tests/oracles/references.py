@@ -16,7 +16,7 @@ import shapely
 import polywigner as pw
 from oracles import exact
 
-# (outer, holes) of each part.
+# Outer ring and holes of each part.
 Polygons = list[tuple[np.ndarray, list[np.ndarray]]]
 
 DATA = Path(__file__).parents[1] / "data"
@@ -41,9 +41,9 @@ def numpy_and_few(
 ) -> list[Any]:
     """Append an engine to each case: NumPy to all cases, the other engines to a few cases.
 
-    ``rest``: a mark for the other cases on NumPy. ``slow``: further cases for the other engines in
-    the slow tests. Compiled engines run the operations of NumPy, but a kernel takes half a second
-    to compile.
+    ``rest`` is a mark for the other cases on NumPy. ``slow`` are further cases for the other
+    engines in the slow tests. Compiled engines run the operations of NumPy, but a kernel takes half
+    a second to compile.
     """
     every, some, late = (
         [c if isinstance(c, tuple) else (c,) for c in of] for of in (all_cases, few, slow)

@@ -9,7 +9,7 @@ def visible_lengths(corners: np.ndarray, k: np.ndarray, angle: float, height: fl
     """Return the visible lengths (n,) of triangles (n, 3, 3) for an observer who looks along k.
 
     The scan line has an angle and a height. Between neighbouring ends and crossings of triangles
-    along the line, one triangle is nearest.
+    along the scan line, a single triangle is nearest to the observer.
     """
     first = np.cross(k, (0.3, 0.5, 0.8))
     first /= np.linalg.norm(first)

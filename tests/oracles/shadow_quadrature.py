@@ -1,13 +1,14 @@
 """Shadows of black bodies by Kirchhoff's integral over their surfaces. Lengths in wavelengths.
 
 The incident field acts on the surface parts that the source illuminates, and nothing acts behind
-them. With m the normal away from the source and G = exp(ikR)/R, a region takes away
+them. Let m be the normal that points away from the source, and G = exp(ikR)/R. An illuminated
+region removes the field K:
 
     K(P) = 1/(4 pi) integral (U dG/dm - G dU/dm) dA,    U(P) = U_inc(P) - sum of K over all regions.
 
-So a surface element is a monopole and a dipole, and its field can illuminate a second body
-(sequential Kirchhoff). Regions are clipped as polygons, triangle against triangle; no silhouette
-and no line integral occurs.
+A surface element is therefore a monopole and a dipole, and its field can illuminate a second body
+(sequential Kirchhoff method). Regions are clipped as polygons, triangle against triangle, without
+silhouettes and line integrals.
 """
 
 from __future__ import annotations
@@ -63,13 +64,13 @@ class Radiators:
             away = points[some, None] - self.positions
             distance = np.sqrt(np.einsum("pmk,pmk->pm", away, away))
             inverse = 1.0 / distance
-            # G, and first = G'/R; grad G = first (P - Q)
+            # The wave is G. With first = G'/R, the gradient of G is first (P - Q).
             wave = np.exp(1j * K * distance) * inverse
             first = wave * (1j * K - inverse) * inverse
             along = np.einsum("pmk,mk->pm", away, self.dipoles)
             values[some] = wave @ self.monopoles + (first * along).sum(axis=1)
             if with_gradient:
-                # (G'' - G'/R)/R^2
+                # The factor of the second derivatives is (G'' - G'/R)/R^2.
                 second = wave * (3.0 * inverse**2 - 3j * K * inverse - K * K) * inverse**2
                 radial = first * self.monopoles + second * along
                 gradients[some] = np.einsum("pm,pmk->pk", radial, away) + first @ self.dipoles
@@ -91,8 +92,8 @@ def aperture_radiators(
 ) -> Radiators:
     """Return Huygens sources of an aperture in the plane z = 0 with phases from ``field``.
 
-    RS-I: -(1/2 pi) u dG/dz, RS-II: (1/i lambda) u G of waves at normal incidence, Kirchhoff:
-    mean.
+    The field of a surface element is -(1/2 pi) u dG/dz for RS-I, (1/i lambda) u G for RS-II at
+    normal incidence, and the mean of both for Kirchhoff.
     """
     nodes, weights = triangle_nodes(graded_in_plane(outline, (), 0.58 * longest), order)
     u = weights * (1.0 if field is None else field(nodes))
@@ -155,7 +156,7 @@ def _triangulated(corners: Floats) -> Floats:
 def lit_regions(surfaces: Sequence[Surface], source: Any) -> tuple[Floats, Floats]:
     """Return triangles (t, 3, 3) visible from a point, and their normals (t, 3) away from it.
 
-    Bodies have one visible side, and plates have two.
+    Faces of bodies are visible from one side, and plates from both sides.
     """
     source = np.asarray(source, float)
     everything = np.concatenate([surface.triangles for surface in surfaces]) - source
@@ -233,7 +234,7 @@ def taken_by(
 ) -> Radiators:
     """Return the radiators whose field regions (t, 3, 3) remove from the incident field.
 
-    ``near``: points (n, 3) towards which the triangles become smaller.
+    Triangles become smaller towards the points ``near`` (n, 3).
     """
     triangles, origin = graded(regions, near, 0.58 * longest)
     nodes, weights = _space_nodes(triangles, order)
@@ -284,8 +285,8 @@ def sequential_field(
 ) -> Floats:
     """Return U at points behind bodies, in the order in which the field reaches them.
 
-    The visible side of each body removes the field that earlier bodies have left. ``source``: one
-    point.
+    The visible side of each body removes the field that earlier bodies have left. ``source`` is a
+    single point.
     """
     points = np.reshape(points, (-1, 3)).astype(float)
     surfaces = [body if isinstance(body, Surface) else surface_of(body) for body in bodies]

@@ -16,7 +16,7 @@ from oracles.exact import nodes_at, rational, sum_over_simplices
 
 DIGITS = 60
 
-# (d! times the signed content, corners in the space of nu), exact
+# Simplices as exact pairs: d! times the signed content, and the corners in the space of nu.
 Simplices = list[tuple[Any, tuple[tuple[Any, ...], ...]]]
 
 

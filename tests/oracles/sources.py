@@ -68,7 +68,7 @@ def _posed(vertices: np.ndarray, faces: Any, seed: int, shift: Any) -> pw.Polyhe
 def _prism(outline: Any, height: float, seed: int = 0, shift: Any = (0.0, 0.0, 0.0)) -> Any:
     body = extruded(outline, height)
     bottom, *others = body.faces
-    # Fans from these corners lose the fewest digits.
+    # Fans of triangles from these corners lose the fewest digits.
     return _posed(body.vertices, [[*bottom[1:], bottom[0]], *others], seed, shift)
 
 
@@ -148,7 +148,7 @@ def _sources() -> dict[str, dict[str, Any]]:
             "needle": cube((1, NEEDLE, NEEDLE), 2, (0.3, 0.1, 0.7)),
             "blade": cube((1, 1e-3, NEEDLE), 3),
             "chevron plate": _prism(CHEVRON, NEEDLE, 4, (0.3, 0.1, 0.7)),
-            # The centre of its bounds is far outside.
+            # The centre of the bounds of this prism is far outside the prism.
             "triangular plate": _prism([[0, 0], [1.3, 0.2], [0.4, 1.1]], NEEDLE, 8),
             "needle, off centre": cube((1, NEEDLE, NEEDLE), 5, (700.1, -900.7, 500.3)),
         },

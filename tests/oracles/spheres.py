@@ -1,13 +1,14 @@
-"""The field around a soft or hard sphere that a point source lights, by partial waves.
+"""Field around a soft or hard sphere that a point source illuminates, by partial waves.
 
 With the source at distance d from the centre of a sphere of radius a, and the point at r and at the
 angle g from the direction of the source, exp(ikR)/R is
 
     i k sum over n of (2n + 1) j_n(k r<) h_n(k r>) P_n(cos g),
 
-and what the sphere scatters replaces j_n(k r<) h_n(k r>) by -c_n h_n(k d) h_n(k r), with
-c_n = j_n(ka)/h_n(ka) if u = 0 on the sphere (soft), and the same of slopes if du/dr = 0 (hard).
-Source: Bowman, Senior and Uslenghi, Electromagnetic and acoustic scattering by simple shapes, 10.
+where r< and r> are the smaller and the larger of r and d. In the scattered field, -c_n h_n(k d)
+h_n(k r) replaces j_n(k r<) h_n(k r>), with c_n = j_n(ka)/h_n(ka) if u = 0 on the sphere (soft), and
+with the ratio of the derivatives if du/dr = 0 (hard). Source: Bowman, Senior and Uslenghi,
+Electromagnetic and acoustic scattering by simple shapes, 10.
 """
 
 from __future__ import annotations
@@ -19,15 +20,17 @@ Array = np.ndarray
 
 
 def field_of_sphere(kind: str, radius: float, distance: float, points: Array) -> Array:
-    """u at points (n, 3) outside a sphere about the origin, over exp(ikR)/R without the sphere.
+    """Return u at points (n, 3) outside a sphere at the origin, divided by the incident field.
 
-    The source is on the z axis at -distance. Lengths are in wavelengths.
+    The incident field is exp(ikR)/R. The source is on the z axis at -distance. Lengths are in
+    wavelengths.
     """
     k = 2 * np.pi
     r = np.linalg.norm(points, axis=1)
     cosine = -points[:, 2] / r
     total = np.zeros(len(points), complex)
-    # Terms beyond ka miss the sphere; 8 widths of the transition leave less than 1e-10.
+    # Partial waves with n above ka miss the sphere. The terms beyond 8 widths of the transition sum
+    # to less than 1e-10.
     for n in range(int(k * radius + 8 * (k * radius) ** (1 / 3)) + 10):
         slope = kind == "hard"
         own = spherical_jn(n, k * radius, slope)

@@ -82,7 +82,7 @@ def _report_exception(error: BaseException) -> int:
         # At exit, Python flushes stdout, which would raise BrokenPipeError again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return _FAILED
-    # Typer contains a private copy of click, so its errors are recognised by name.
+    # Typer contains a private copy of click, so errors of click are recognised by a method.
     if hasattr(error, "format_message"):
         if type(error).__name__ == "NoArgsIsHelpError":
             print(error.format_message().rstrip())

@@ -88,7 +88,7 @@ def _gpu_row() -> Row:
     if child.returncode == 0:
         return Row("engine cuda", _GOOD, "an NVIDIA GPU")
     if shutil.which("nvidia-smi") is None:
-        remedy = "If there is one, install its driver: `apt-get install nvidia-driver` on Debian."
+        remedy = "For a GPU, install its driver: `apt-get install nvidia-driver` on Debian."
         return Row("engine cuda", _OPTIONAL, "no NVIDIA driver", remedy)
     problem = f"kernels do not run on the GPU ({_last_line(child.stderr)})"
     return Row("engine cuda", _BAD, problem, "Install an NVIDIA driver 535 or newer.")
@@ -141,7 +141,7 @@ def _library_row(name: str) -> Row:
 
 
 def _extras() -> list[Row]:
-    """Return a row for each extra, with its libraries or those that are missing."""
+    """Return a row for each extra with its missing libraries, or with all if none is missing."""
     rows = []
     for name, libraries in sorted(_requirements().items())[1:]:
         missing = ", ".join(library for library in libraries if _version(library) is None)

@@ -83,8 +83,8 @@ class Lens(NamedTuple):
 
     pupil: Aperture | ApertureArray
     wavelengths: list[float]
-    distance: float  # from the pupil to the image
-    radius: float  # at which the defocus is specified
+    distance: float  # distance from the pupil to the image
+    radius: float  # radius at which the defocus is specified
     aberration: Aberration | None
 
     def settings(self, options: LensOptions) -> dict[str, Any]:

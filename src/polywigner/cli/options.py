@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, get_args, get_type_
 import typer
 
 from polywigner.errors import ArgumentError, QuantityError, SceneError, value_text
-from polywigner.interruption import atomic_path, scratch_of
+from polywigner.interruption import scratch_of
 from polywigner.quantities import parse_angle, parse_coordinate
 
 if TYPE_CHECKING:
@@ -53,14 +53,11 @@ Scheduler = Annotated[Text, "Address of a trusted dask scheduler, such as tcp://
 
 
 def parse_step(text: str, least: float, largest: float) -> float:
-    """Parse a step of angles, such as "0.5 deg", to degrees; the limits are in degrees too."""
+    """Parse an angular step such as "0.5 deg" to degrees, with limits in degrees."""
     step = math.degrees(parse_angle(text))
-    if not 0 < step <= largest:
-        raise ArgumentError(
-            f"--step: expected an angle above 0 and up to {largest:g} deg, got {text!r}"
-        )
-    if step < (1 - 1e-9) * least:  # The conversion to degrees has rounding errors.
-        raise ArgumentError(f"--step: expected at least {least:.2g} deg, got {text!r}")
+    if not (1 - 1e-9) * least <= step <= largest:  # The conversion has rounding errors.
+        expected = f"an angle of at least {least:.2g} deg and up to {largest:g} deg"
+        raise ArgumentError(f"--step: expected {expected}, got {text!r}")
     return step
 
 
@@ -146,12 +143,9 @@ def output_stem(out: str | None, name: str) -> Path:
     """
     if out is None:
         return Path(name)
+    if not out.strip():
+        raise ArgumentError("--out must be a file name or a folder, got an empty text")
     path = Path(out)
-    if not out.strip() or path.name.lower() in _KNOWN_SUFFIXES:
-        raise ArgumentError(
-            f"--out must be a file name or a folder, got {out!r}; write a name before the suffix, "
-            "or add a slash after the folder"
-        )
     if os.path.isdir(out) or out.endswith(("/", os.sep)):  # noqa: PTH112 (see check_writable)
         return path / name
     return path.with_suffix("") if path.suffix.lower() in _KNOWN_SUFFIXES else path
@@ -178,10 +172,6 @@ def check_writable(paths: Sequence[Path]) -> None:
     """Raise ArgumentError before the computation if a file cannot be written."""
     for path in paths:
         # pathlib raises OSError for names that are too long; os.path returns False.
-        if os.path.isdir(path) and path.suffix != ".zarr":  # noqa: PTH112
-            raise ArgumentError(
-                f"--out must be a file name, got the folder {path}; rename the file or the folder"
-            )
         parents = path.absolute().parents
         folder = next(parent for parent in parents if os.path.exists(parent))  # noqa: PTH110
         probe = folder / scratch_of(path).name
@@ -201,15 +191,11 @@ def write(paths: Sequence[Path], contents: Sequence[Content], summary: str = "")
     Each item of ``contents`` is a figure, a dataset, a mapping for JSON, or a function that writes
     to a path. Missing folders are created.
     """
-    try:
-        with ExitStack() as stack:
-            for path, content in zip(paths, contents, strict=True):
-                path.parent.mkdir(parents=True, exist_ok=True)
-                _write_content(stack.enter_context(atomic_path(path)), content)
-    except OSError as error:
-        raise ArgumentError(
-            f"cannot write {', '.join(map(str, paths))}: {error}; choose another folder with --out"
-        ) from error
+    from polywigner.geometry.arguments import in_place
+
+    with ExitStack() as stack:
+        for path, content in zip(paths, contents, strict=True):
+            _write_content(stack.enter_context(in_place(path)), content)
     print(*filter(None, [summary]), *paths, sep="\n", flush=True)
 
 
@@ -267,7 +253,7 @@ class SceneOptions:
     floor_db: DbFloor = -40.0
 
     def edges(self, default_bins: int) -> NDArray[np.float64] | None:
-        """Return the edges of the range bins, half path lengths in metres; None without --range."""
+        """Return the edges of the range bins (half path lengths in m), or None without --range."""
         import numpy as np
 
         if self.range_text is None:

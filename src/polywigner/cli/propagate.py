@@ -31,7 +31,6 @@ _Projection = Literal["maximum", "mean"]
 _WIDEST = math.radians(80.0)  # default largest angle on an arc [rad]
 # Largest angle on a hemisphere [rad], the limit of suggest_sampling.
 _GRAZING = math.radians(89.5)
-_MOST_POINTS = 1 << 26  # largest number of points: 0.5 GB per method
 # Smallest default numbers of samples, for smooth figures.
 _FEWEST = {
     "line": (401,), "arc": (321,), "plane": (129, 129), "hemisphere": (61, 120),
@@ -80,8 +79,6 @@ class FieldOptions(FieldSourceOptions):
                 raise ArgumentError(
                     f"--method: only the method wigner accepts an obliquity, got {text!r}"
                 )
-            if name in methods:
-                raise ArgumentError(f"--method: got {text!r} twice; specify each method only once")
             methods[name] = {"method": method}
             if method == "wigner":
                 methods[name]["obliquity"] = obliquity or self.obliquity
@@ -205,12 +202,7 @@ def volume(
     field.check()
     with at_key("--box"):
         corners = _parse_ranges(box, 3)
-    count = () if shape is None else parse_shape("--shape", shape, 3)
-    if count and min(count) < 2:
-        raise ArgumentError(
-            f"--shape: expected at least two samples along each axis, got {shape!r}; draw a "
-            "single layer with `polywigner propagate --plane`"
-        )
+    count = () if shape is None else parse_shape("--shape", shape, 3, least=2)
     example = "-6, -12, -18"
     drawn: dict[str, Any] = {
         "surfaces": surfaces and options.parse_numbers("--surfaces", surfaces, example),
@@ -255,7 +247,7 @@ def volume(
 def print_differences(fields: Mapping[Any, xarray.DataArray], reference: str) -> None:
     """Print the largest and the rms level difference of each method from the reference, in dB.
 
-    Points more than 30 dB below the peak of the reference, and values of zero or below, are
+    Points more than 30 dB below the peak of the reference method, and values of zero or below, are
     excluded.
     """
     from polywigner.figures.levels import COMPARED_DB, summary
@@ -275,7 +267,7 @@ def print_differences(fields: Mapping[Any, xarray.DataArray], reference: str) ->
 def samples_of_region(
     source: Aperture | ApertureArray, region: Region, wavelength: float, amplitude: bool = False
 ) -> tuple[int, ...]:
-    """Return the requested numbers of samples, or the required numbers within limits.
+    """Return the requested numbers of samples, or by default the required numbers within limits.
 
     Warns if the field has fringes that require more samples than the limits.
     """
@@ -335,16 +327,7 @@ def parse_region(texts: Mapping[str, str | None], samples: str | None) -> Region
         )
     ((kind, text),) = regions.items()
     dimensions = 1 if kind in ("line", "arc") else 2
-    shape = () if samples is None else parse_shape("--samples", samples, dimensions)
-    if shape and min(shape) < 2:
-        raise ArgumentError(
-            f"--samples: expected at least two samples along each axis, got {samples!r}"
-        )
-    if math.prod(shape) > _MOST_POINTS:
-        raise ArgumentError(
-            f"--samples: expected at most {_MOST_POINTS} points, got {math.prod(shape)}; use "
-            "`polywigner volume`, which writes to disk"
-        )
+    shape = () if samples is None else parse_shape("--samples", samples, dimensions, least=2)
     with at_key(f"--{kind}"):
         if kind == "line":
             ends = _split_and_strip(text, r"\s+to\s+")
@@ -389,8 +372,6 @@ _EXPECTED_RANGES = (
 def _parse_ranges(text: str, count: int) -> tuple[Point, Point]:
     """Parse ``count`` ranges and 3 - ``count`` coordinates into the lowest and highest point."""
     parts = _split_and_strip(text, ",")
-    if len(parts) != 3 and count:
-        raise QuantityError(f"expected x, y and z separated by commas, got {value_text(text)}")
     ends = []
     for part in parts:
         low, *high = map(parse_coordinate, _split_and_strip(part, r"\s+to\s+"))
@@ -406,15 +387,15 @@ def _parse_ranges(text: str, count: int) -> tuple[Point, Point]:
     return (x[0], y[0], z[0]), (x[-1], y[-1], z[-1])
 
 
-def parse_shape(option: str, text: str, dimensions: int) -> tuple[int, ...]:
-    """Parse positive integers such as ``"64 x 64 x 96"``, one for each dimension."""
+def parse_shape(option: str, text: str, dimensions: int, least: int = 1) -> tuple[int, ...]:
+    """Parse integers of ``least`` or more such as ``"64 x 64 x 96"``, one for each dimension."""
     parts = _split_and_strip(text, "[x×]")
-    if len(parts) != dimensions or not all(re.fullmatch(r"0*[1-9][0-9]{0,8}", p) for p in parts):
+    counts = tuple(int(part) for part in parts if re.fullmatch("[0-9]{1,9}", part))
+    if not len(counts) == len(parts) == dimensions or min(counts) < least:
         example = " x ".join(("64", "64", "96")[:dimensions])
-        raise ArgumentError(
-            f'{option}: expected numbers of samples such as "{example}", got {text!r}'
-        )
-    return tuple(int(part) for part in parts)
+        expected = f'numbers of samples of at least {least}, such as "{example}"'
+        raise ArgumentError(f"{option}: expected {expected}, got {text!r}")
+    return counts
 
 
 def _split_and_strip(text: str, pattern: str) -> list[str]:

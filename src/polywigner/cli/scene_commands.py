@@ -14,7 +14,7 @@ import typer
 
 from polywigner.cli import options
 from polywigner.cli.options import Text, Texts
-from polywigner.cli.sources import check_wavelength, frequency_text, short_name
+from polywigner.cli.sources import frequency_text, short_name
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.quantities import parse_frequency, parse_noise
 
@@ -86,7 +86,7 @@ def render(settings: RenderSettings, out: options.Out = None) -> None:
                 "the polarisation in the parameters of the receiver"
             )
         ready = time.perf_counter()
-        # Scenes whose paths have no lengths raise an error here, before the longer render.
+        # Scenes without path lengths raise an error here, before the slow render.
         if edges is not None:
             with kernel_threads(settings.threads):
                 frames = range_frames(
@@ -142,6 +142,8 @@ def _emitter_parameters(scene: Any, name: str) -> list[Any]:
 
     Raises SceneError if there are no emitters.
     """
+    from polywigner.geometry.arguments import warn_of_wavelength
+
     specs = [emitter.spec for emitter in scene.emitters() if hasattr(emitter, "spec")]
     if not specs:
         raise SceneError(
@@ -149,7 +151,7 @@ def _emitter_parameters(scene: Any, name: str) -> list[Any]:
             "Mitsuba itself"
         )
     for spec in specs:
-        check_wavelength(spec.wavelength, spec.support.diameter)
+        warn_of_wavelength(spec.source, spec.wavelength)
     return specs
 
 
@@ -232,11 +234,6 @@ def receive(settings: ReceiveSettings, out: options.Out = None) -> None:
     jones = settings.polarisation
     variant = choose_variant(settings.variant, jones is not None and settings.variant is None)
     polarised = is_polarised(variant)
-    if jones is not None and not (polarised or settings.coherent):
-        raise ArgumentError(
-            f"in the unpolarised variant {variant}, --polarisation requires --coherent; add "
-            "--coherent, or omit --variant"
-        )
     by_scene, by_argument = (jones, None) if polarised else (None, jones)
     response = None
     with settings.running(variant, files[0]) as store:
@@ -350,7 +347,7 @@ def _draw_receivers(
 
 
 def _range_summary(profile: xarray.Dataset, received: Sequence[ReceivedPower]) -> str:
-    """Return a line for each receiver: its strongest range bin, and the power outside."""
+    """Return a line for each receiver: its strongest range bin, and the power outside the range."""
     from polywigner.mitsuba.receive.power_results import dbm_text
 
     edges = profile["range_edge"].values

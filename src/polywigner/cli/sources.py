@@ -19,10 +19,9 @@ from polywigner.quantities import (
     SPEED_OF_LIGHT,
     parse_angle,
     parse_coordinate,
-    parse_frequency,
     parse_length,
     parse_unit,
-    wavelength_of,
+    parse_wavelength,
 )
 
 if TYPE_CHECKING:
@@ -36,10 +35,8 @@ if TYPE_CHECKING:
 _FREQUENCIES = (("THz", 1e12), ("GHz", 1e9), ("MHz", 1e6), ("kHz", 1e3), ("Hz", 1.0))
 _LONGEST_NAME = 32
 _MESHES = (".stl", ".ply", ".obj")
-# Relative difference up to which wavelengths count as equal; users type few digits.
+# Relative difference up to which wavelengths count as equal, because users type few digits.
 _SAME_WAVELENGTH = 1e-3
-# Largest ratio of wavelength to diameter, and of diameter to wavelength, in figures.
-_LARGEST_RATIO = 1e12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,13 +48,7 @@ class WaveOptions:
 
     def length(self) -> float | None:
         """Return the wavelength in metres, or None if neither option is specified."""
-        if self.frequency is not None and self.wavelength is not None:
-            raise ArgumentError(
-                "expected either --frequency or --wavelength, got both; omit one of them"
-            )
-        if self.frequency is not None:
-            return wavelength_of(parse_frequency(self.frequency))
-        return None if self.wavelength is None else parse_length(self.wavelength)
+        return parse_wavelength(self.frequency, self.wavelength)
 
 
 def required_wavelength(wavelength: float | None) -> float:
@@ -107,10 +98,6 @@ class ReadingOptions:
         import polywigner as pw
 
         if Path(path).suffix.lower() not in _MESHES:
-            if as_plates:
-                raise ArgumentError(
-                    "--open-mesh requires a mesh (STL, PLY, OBJ), got a drawing; omit --open-mesh"
-                )
             return self.read_file(path)
         self.check_unused(("tolerance", "layer", "union"), "a mesh, only to drawings; omit it")
         unit = self.unit or "mm"
@@ -142,11 +129,11 @@ class SourceOptions(ReadingOptions, WaveOptions):
         self.length()
 
     def read(self) -> tuple[Aperture | ApertureArray, float | None]:
-        """Return the source, and its wavelength in metres from the options, else from the file.
+        """Return the source and its wavelength in metres, from the options or else from the file.
 
-        The wavelength is None if neither specifies one.
+        The wavelength is None if neither the options nor the file specify it.
         """
-        from polywigner.figures import outline_of
+        from polywigner.geometry.arguments import warn_of_wavelength
         from polywigner.source.source_files import read_content
         from polywigner.source.source_tables import SOURCE_TEXTS, apply_texts
 
@@ -164,7 +151,7 @@ class SourceOptions(ReadingOptions, WaveOptions):
         options = {name: text for name, text in texts.items() if text is not None}
         source = apply_texts(source, options, wavelength)
         if wavelength is not None:
-            check_wavelength(wavelength, outline_of(source).diameter)
+            warn_of_wavelength(source, wavelength)
         return source, wavelength
 
     def _warn_of_design_wavelength(self, wavelength: float, designed: float) -> None:
@@ -189,20 +176,6 @@ class SourceOptions(ReadingOptions, WaveOptions):
         """Return the source and its wavelength in metres; raise ArgumentError without one."""
         source, wavelength = self.read()
         return source, required_wavelength(wavelength)
-
-
-def check_wavelength(wavelength: float, diameter: float) -> None:
-    """Warn if a wavelength is implausible for a diameter (both in m).
-
-    Raises ArgumentError if one of them is more than 1e12 times the other.
-    """
-    from polywigner.geometry.arguments import doubt_of_wavelength
-
-    doubt = doubt_of_wavelength(wavelength, diameter)
-    if doubt and not 1 / _LARGEST_RATIO <= wavelength / diameter <= _LARGEST_RATIO:
-        raise ArgumentError(f"implausible wavelength for the aperture: {doubt}")
-    if doubt:
-        warnings.warn(f"implausible wavelength: {doubt}", RuntimeWarning, stacklevel=2)
 
 
 def field_title(path: str, wavelength: float) -> str:
@@ -236,7 +209,7 @@ def _is_source_file(path: str) -> bool:
 
     suffix = Path(path).suffix.lower()
     if suffix == ".json":
-        # read_aperture reports these errors.
+        # Errors in the file are ignored here, because read_aperture reports them.
         with suppress(ValueError, RecursionError, OSError):
             content = json.loads(bytes_of(Path(path)))
             return isinstance(content, dict) and "kind" in content and "type" not in content
@@ -262,10 +235,6 @@ class FieldSourceOptions(SourceOptions):
             ReadingOptions().check_file(_parse_obstacle(text)[0])
         if self.obstacle_unit is not None:
             parse_unit(self.obstacle_unit)
-            if not self.obstacle:
-                raise ArgumentError(
-                    "--obstacle-unit requires --obstacle; add --obstacle, or omit --obstacle-unit"
-                )
 
     def read_obstacles(self) -> list[Polyhedron | PlacedAperture]:
         """Return all obstacles at their specified positions."""
@@ -275,7 +244,7 @@ class FieldSourceOptions(SourceOptions):
     def _placed_obstacle(
         self, path: str, origin: tuple[float, ...], angles: tuple[float, ...]
     ) -> Polyhedron | PlacedAperture:
-        """Return an obstacle with its z axis rotated to theta, phi, then moved to ``origin``.
+        """Return an obstacle, rotated so that its z axis points to theta, phi, and then moved.
 
         ``origin`` is in m, and ``angles`` are theta and phi in rad. The axis of the rotation is
         normal to z.

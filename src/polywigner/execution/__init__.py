@@ -34,17 +34,15 @@ from polywigner.execution.evaluation import (
     explained,
 )
 from polywigner.execution.on_drjit import without_collection
-from polywigner.execution.operations import Drjit, NumpyOperations
+from polywigner.execution.operations import Drjit, NumpyOperations, has_drjit, is_drjit
 from polywigner.execution.points import (
     columns_of,
+    component_arrays,
     components_of,
     entries,
-    has_drjit,
-    is_drjit,
     joined,
     matrix_times,
     numbers_of,
-    on_components,
     shifted,
     sibling,
     split,

@@ -33,8 +33,8 @@ def array_of(kind: Any, values: npt.ArrayLike) -> Drjit:
 
     numbers = np.asarray(values)
     if drjit.flag(drjit.JitFlag.FreezingScope):
-        # Dr.Jit aborts the process if the memory of a NumPy array is freed during a recording.
-        # Lists do not share memory with Dr.Jit.
+        # Dr.Jit aborts the process if the memory of a NumPy array is freed during a recording. A
+        # list is passed instead, because lists do not share memory with Dr.Jit.
         return kind(numbers.ravel().tolist())
     letter = "f" if drjit.is_float_v(kind) else "u" if drjit.is_unsigned_v(kind) else "i"
     memory = aligned(numbers.size, f"{letter}{drjit.itemsize_v(kind)}")

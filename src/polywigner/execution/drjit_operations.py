@@ -23,7 +23,7 @@ from polywigner.execution.operations import (
 )
 
 LANE = 4
-"""Number of samples in the same cell that a lane of a vector computes together."""
+"""Number of samples of one cell that a vector lane computes together."""
 MOST_TERMS_AS_CODE = 12
 """Largest number of terms of an unrolled sum. Each term takes about 20 ms to compile."""
 # Largest number of clipped edges in an unrolled `sum_large_terms`. Code with 256 clipped edges
@@ -58,7 +58,7 @@ class DrjitOperations(RowByRow):
     def sum_over(
         self, rows: Sequence[Row], term: Term, values: int, like: Any, *, unroll: bool = True
     ) -> Values:
-        """Return the sums of ``term(*row)`` over all rows, at least one.
+        """Return the sums of ``term(*row)`` over one or more rows.
 
         ``values`` is the number of results of ``term``. Short sums are unrolled. Loops compile in
         less time, and are nearly as fast for long terms. With ``unroll=False``, the kernel always
@@ -131,7 +131,7 @@ class DrjitOperations(RowByRow):
         return self._dr.select(condition, self._typed(a), self._typed(b))
 
     def snapped(self, a: Any, step: float) -> Drjit:
-        """Return ``a`` rounded to a multiple of ``step``; its derivative is that of ``a``."""
+        """Return ``a`` rounded to a multiple of ``step``, with the derivative of ``a``."""
         return a + self._dr.detach(self._dr.round(a * (1 / step)) * step - a)
 
     def fma(self, a: Any, b: Any, c: Any) -> Drjit:
@@ -206,7 +206,7 @@ class DrjitOperations(RowByRow):
     ) -> Values:
         """Return the sums of ``term(*row, *samples)`` over the table ``rules[rule]``.
 
-        ``rule`` contains whole floats. The index -1 gives a sum of 0.
+        ``rule`` contains indices as floats. The index -1 gives a sum of 0.
         """
         ends = np.cumsum([len(table) for table in rules])
         starts = ends - [len(table) for table in rules]

@@ -2,7 +2,7 @@
 
 Arguments are broadcast chunk by chunk, so a call needs memory only for its result and one chunk.
 NumPy always computes in double precision. Fourier transforms on a grid of frequencies use the axes
-of the grid, (F4).
+of the grid, equation (F4).
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ _LEAST_SIDE = 8
 # Largest number of frequencies along each axis of a block. It limits the memory for the tables
 # along the axes.
 _TILE = 512
-# Largest fraction of frequencies too close to the origin for (F4). Such frequencies take 20 times
-# as long.
+# Largest fraction of frequencies that are too close to the origin for equation (F4). Such
+# frequencies take 20 times as long.
 _MOST_BELOW = 1 / 8
 
 PointByPoint = Callable[[Sequence[Array]], Sequence[Array]]
@@ -65,7 +65,7 @@ class GridPlan:
         return oblique + (oblique < len(self.tables.families))
 
     def keeps_digits(self) -> bool:
-        """Return whether most frequencies are far enough from the origin for (F4)."""
+        """Return whether most frequencies are far enough from the origin for equation (F4)."""
         below = 1.0
         for scale, nu in zip(self.tables.scales, (self.x, self.y), strict=True):
             below *= float(np.mean(np.abs(nu * scale) < self.tables.floor))
@@ -74,14 +74,15 @@ class GridPlan:
     def fill(self, results: Sequence[Array], point_by_point: PointByPoint) -> None:
         """Write the real and the imaginary part of the Fourier transform to two arrays.
 
-        ``point_by_point`` computes the values near the origin, where (F4) loses digits.
+        ``point_by_point`` computes the values near the origin, where equation (F4) loses digits.
         """
         ops = NumpyOperations()
         targets = [result.T if self.transposed else result for result in results]
         for i in range(0, len(self.x), _TILE):
             for j in range(0, len(self.y), _TILE):
                 x, y = self.x[i : i + _TILE], self.y[j : j + _TILE]
-                # (F4) divides by the frequency. Its results near the origin are replaced below.
+                # Equation (F4) divides by the frequency. Its results near the origin are replaced
+                # below.
                 with np.errstate(invalid="ignore", divide="ignore"):
                     *parts, below = fourier_on_grid(ops, self.tables, x, y)
                 if below.any():
@@ -98,9 +99,9 @@ def plan_for_grid(
 ) -> GridPlan | None:
     """Return a plan for a grid of frequencies, or None if the axes of the grid cannot be used.
 
-    The result is None for points that form no grid of at least 8 x 8 frequencies, for compiled
-    engines, for kernels and sources without tables for grids, and if many frequencies are too close
-    to the origin.
+    The result is None for points that do not form a grid of at least 8 x 8 frequencies, for
+    compiled engines, for kernels and sources without tables for grids, and if many frequencies are
+    too close to the origin.
     """
     if kernel.grid_tables is None or engine not in ("auto", "numpy"):
         return None
@@ -138,8 +139,8 @@ def evaluate_on_grid(
 ) -> bool:
     """Compute the Fourier transform from the axes of a grid, if the points form a grid.
 
-    Returns False, and leaves ``into`` unchanged, if the points form no grid or another method is
-    faster.
+    Returns False, and leaves ``into`` unchanged, if the points do not form a grid or another method
+    is faster.
     """
     plan = plan_for_grid(kernel, source, components, engine)
     if plan is None:
@@ -151,11 +152,11 @@ def evaluate_on_grid(
     return choice.strategy == GRID
 
 
-# Samples per chunk on NumPy. Temporary arrays below 128 KiB stay in the cache of a core. Larger
-# arrays cause page faults that take longer than the computation.
+# Number of samples per chunk on NumPy. Temporary arrays below 128 KiB stay in the cache of a core.
+# Larger arrays cause page faults that take longer than the computation.
 _CHUNK = 3 << 12
-# Samples per block if frequencies share slices, on NumPy and in compiled code. Compiled code stores
-# only positions and frequencies, so its blocks can be larger.
+# Number of samples per block whose frequencies share slices, on NumPy and in compiled code.
+# Compiled code stores only positions and frequencies, so its blocks can be larger.
 _SHARED_BLOCK, _LARGE_BLOCK = 1 << 18, 1 << 20
 # Smallest number of frequencies per position for which all frequencies share the slice.
 _LEAST_COLUMNS = 64
@@ -189,7 +190,8 @@ def evaluate(
     Parameters
     ----------
     components : sequence of ndarray
-        Components of the points in float64 or float32. They must broadcast against each other.
+        Components of the points in float64 or float32. The components must broadcast against each
+        other.
     double : bool
         Whether sums and new arrays use float64 instead of float32.
     engine : str
@@ -203,7 +205,7 @@ def evaluate(
         Function that converts the components to the arguments of the kernel, block by block if
         slices are shared.
     """
-    shape = np.broadcast_shapes(*[c.shape for c in components])
+    shape = np.broadcast(*components).shape
     dtype = np.float64 if double else np.float32
     results = tuple(into or [np.empty(shape, dtype) for _ in range(outputs)])
     samples, is_explained = math.prod(shape), _is_explained.get()
@@ -276,12 +278,12 @@ def explained(call: Callable[[], object]) -> Plan | None:
 def _on_numpy(
     kernel: Kernel, tables: Any, components: Sequence[Array], shear: Shear | None = None
 ) -> tuple[Array, ...]:
-    """Return the results (n,) of a kernel at points that broadcast, computed by NumPy."""
+    """Compute the results of a kernel, shape (n,), with NumPy; the components broadcast."""
     # Infinite and NaN arguments give NaN without a warning.
     with np.errstate(invalid="ignore", over="ignore"):
         if shear is not None:
             components = shear(components)
-        shape = np.broadcast_shapes(*[c.shape for c in components])
+        shape = np.broadcast(*components).shape
         flat = []
         for c in components:
             c = c if c.shape == shape else np.broadcast_to(c, shape)
@@ -387,26 +389,16 @@ def _in_row_blocks(
     targets = rows.targets(results)
     for block, arguments in rows.blocks(_LARGE_BLOCK if is_large else _SHARED_BLOCK):
         count = len(range(*block[0].indices(rows.rows)))
-        # Positions far from the source may overflow.
+        # Positions far from the source may cause an overflow.
         with np.errstate(invalid="ignore", over="ignore"):
             sheared = arguments if shear is None else shear(arguments)
             inner = kernel.enter(_HOST, exact.frame, *sheared)
-            position = [np.broadcast_to(p, (count, 1))[:, 0] for p in inner[slices.position]]
             if compiled is not None:
-                yield (
-                    targets,
-                    block,
-                    compiled.of_parts(inner, *slices.listed(_HOST, exact, *position)),
-                )
+                position = [np.broadcast_to(p, (count, 1))[:, 0] for p in inner[slices.position]]
+                fetch = compiled.of_parts(inner, *slices.listed(_HOST, exact, *position))
+                yield targets, block, fetch
                 continue
-            nu = [
-                np.broadcast_to(n, np.broadcast_shapes(n.shape, (1, 1)))
-                for n in inner[slices.frequency]
-            ]
-            sums = slices.shared_sums(_HOST, exact, position, nu)
-            for argument in (*inner[slices.position], *nu):
-                if not np.isfinite(argument).all():
-                    sums = tuple(total + (argument - argument) for total in sums)
+            sums = slices(_HOST, exact, *inner)
             values = kernel.leave(_HOST, exact.frame, inner, sums)
         yield targets, block, ready(tuple(values[: len(results)]))
 
@@ -488,6 +480,6 @@ def evaluate_rows(
     for start in range(0, len(table), step):
         rows = tuple(table[start : start + step].T[:, :, None])
         terms = term(_HOST, rows, columns, tuple(constants.tolist()))
-        shape = len(rows[0]), len(samples)  # a term may be the same for all rows
+        shape = len(rows[0]), len(samples)  # Terms are broadcast to this shape.
         total += [np.broadcast_to(part, shape).sum(axis=0) for part in terms]
     return tuple(total)

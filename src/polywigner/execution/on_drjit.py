@@ -24,9 +24,9 @@ from polywigner.execution.chunks import Fetch, Launched, array_of, parts_of_resu
 from polywigner.execution.drjit_operations import LANE, MOST_TERMS_AS_CODE, DrjitOperations
 from polywigner.execution.operations import Drjit, NumpyOperations
 from polywigner.kernels import Kernel
-from polywigner.kernels.cut.pair_grid import PairGrid, cells_at
+from polywigner.kernels.cut.pair_grid import PairGrid
 from polywigner.kernels.cut.winding import Pass, pairs_of
-from polywigner.kernels.functions.fourier import OutlineTables
+from polywigner.kernels.functions.fourier import LinearFrame, OutlineTables
 from polywigner.kernels.functions.slices import MOST_PAIRS_AS_CODE, SliceSum
 from polywigner.kernels.outline import Frame, Tables, is_plain
 from polywigner.numerics import phases
@@ -34,9 +34,12 @@ from polywigner.numerics import phases
 # Largest number of cached functions, and largest number of recordings of each function. Arguments
 # with a single entry require a separate recording.
 _MOST, _MOST_RECORDINGS = 64, 8
-# Samples per chunk. Launching a kernel takes little time compared with such a chunk. The arguments
-# of a chunk take some 10 MB.
-CHUNK = 1 << 18
+# Numbers of samples per chunk: if samples are sorted by cell, and for edges as code. Launching a
+# kernel takes little time compared with such a chunk. The arguments of a chunk take some 10 MB and
+# 5 MB. Sorted chunks are larger because each cell then contains more samples. If code used such
+# chunks, the C library would return their memory to the system, and new memory would take a third
+# of the time.
+CHUNK, _CHUNK_OF_CODE = 1 << 18, 1 << 17
 
 Array = npt.NDArray[Any]
 Values = tuple[Any, ...]
@@ -70,7 +73,8 @@ class _Frozen:
             try:
                 results: Values = self.replayed(*arguments)
             except RuntimeError as error:
-                # If an exception ends the function, Dr.Jit raises a RuntimeError instead.
+                # If an exception ends the function, Dr.Jit raises a RuntimeError, so the original
+                # exception is raised here.
                 raise error.__cause__ or error from None
             return results
 
@@ -141,7 +145,7 @@ def is_recordable(tables: Tables | OutlineTables) -> bool:
 
 
 def prevents_recording(kind: Any) -> bool:
-    """Return whether calls must not be recorded: in another recording, or without LLVM.
+    """Return whether calls cannot be recorded: within another recording, or without LLVM.
 
     ``kind`` is a Dr.Jit float type.
     """
@@ -166,7 +170,7 @@ class OnDrjit:
         run: Callable[..., tuple[Any, ...]] = self._traced
         if self.is_code and not prevents_recording(kind):
             run = frozen(self._traced, (self.kernel, self.tables), kind)
-        for arguments, targets in parts_of_results(components, results, CHUNK):
+        for arguments, targets in parts_of_results(components, results, _CHUNK_OF_CODE):
             yield (
                 targets,
                 ...,
@@ -271,7 +275,7 @@ def row_sums(
 
 # Smallest number of edges for which samples are sorted by cell (benchmarks/call_rates.py).
 _LEAST_EDGES_SORTED = 5
-# Samples per cell from which a lane of a vector computes several samples.
+# Smallest number of samples per cell for which a vector lane computes several samples.
 _LEAST_PER_CELL = 8
 # Dr.Jit records a function again if arguments of equal size get different sizes, or vice versa. The
 # size of table k is a multiple of _SIZES plus (k + 1) _APART, so no two tables have equal sizes.
@@ -354,7 +358,7 @@ class OnDrjitData:
         return self.kernel.leave(ops, frame, inner, sums)
 
     def _sent(self, number: int, table: Array) -> Drjit:
-        """Copy table ``number`` to the memory of the engine, padded to a size of its own."""
+        """Copy table ``number`` to the memory of the engine, padded to a unique size."""
         width = -(-table.size // _SIZES) * _SIZES + _APART * (number + 1)
         padded = np.zeros(width, table.dtype)
         padded[: table.size] = table.ravel()
@@ -416,8 +420,8 @@ def fills_lanes(slices: SliceSum, tables: Tables, grids: Iterable[PairGrid], sam
 
     Samples in the same cell of one grid may lie in different cells of another grid. The second view
     of a sum mirrors offsets, and the mirror images of offsets in one cell can lie in different
-    cells if an offset lies on the border of the cell. Terms for partly coherent light are not
-    written for several samples.
+    cells if an offset lies on the border of the cell. Terms for partly coherent light do not
+    support several samples per lane.
     """
     first, *others = grids
     is_single = tables.coherence is None and len(slices.views) == 1 and not others
@@ -432,12 +436,12 @@ def order_by_cell(
     If ``is_grouped`` is true, the result has the shape (4, m), and each column contains samples of
     the same cell. The last sample of a cell is repeated to fill its last column.
     """
-    x, y = inner[slices.position]
-    host, scale = grid.on_host, key[0].side * slices.scale
-    # The kernel rounds offsets to the grid in the same way.
-    tx, ty = (host.step * np.rint((scale / host.step) * c) for c in (x, y))
+    cells = grid.cell_map
+    scale = key[0].side * slices.scale / cells.step
+    # Offsets are rounded to the grid in the same way as in the kernel.
+    offsets = cells.step * np.rint(scale * np.stack(inner[slices.position]))
     # A grid has fewer than 2^16 cells, and NumPy sorts 16-bit integers in linear time.
-    cell = cells_at(host, tx, ty).astype(np.uint16)
+    cell = cells.at(offsets).astype(np.uint16)
     order = np.argsort(cell, kind="stable")
     if not is_grouped:
         return order
@@ -507,15 +511,18 @@ def with_frame_as_data(ops: DrjitOperations, tables: Any) -> Tables:
     return replace(tables, frame=_frame_as_data(ops, tables.frame, centre))
 
 
-def _centre_in_memory(ops: DrjitOperations, frame: Frame) -> Drjit:
+def _centre_in_memory(ops: DrjitOperations, frame: Frame | LinearFrame) -> Drjit:
     """Return the coordinates of a frame's centre, each as a pair of floats, in one array."""
-    return array_of(ops.float_type, [phases.doubled(c, ops.double) for c in frame.centre])
+    pairs = (c if isinstance(c, tuple) else phases.doubled(c, ops.double) for c in frame.centre)
+    return array_of(ops.float_type, list(pairs))
 
 
-def _frame_as_data(ops: DrjitOperations, frame: Frame, centre: Drjit) -> Frame:
+def _frame_as_data(
+    ops: DrjitOperations, frame: Frame | LinearFrame, centre: Drjit
+) -> Frame | LinearFrame:
     """Return a frame whose centre is read from the array of :func:`_centre_in_memory`."""
+    pairs: Any = tuple(ops.gather((2, centre), ops.truncated(k)) for k in range(len(frame.centre)))
+    if not isinstance(frame, Frame):
+        return replace(frame, centre=pairs)
     values = {field.name: getattr(frame, field.name) for field in fields(Frame)}
-    values["centre"] = tuple(
-        ops.gather((2, centre), ops.truncated(k)) for k in range(len(frame.centre))
-    )
-    return _DataFrame(**values)
+    return _DataFrame(**values | {"centre": pairs})

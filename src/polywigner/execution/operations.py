@@ -8,7 +8,8 @@ any backend (module `drjit_operations`).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Iterator, Sequence
+import sys
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -25,6 +26,20 @@ Numbers: TypeAlias = Any
 """Numbers that a kernel can process: NumPy arrays, Python floats or Dr.Jit arrays."""
 Drjit: TypeAlias = Any
 """A Dr.Jit array of any variant of Mitsuba, or a Python number or vector in scalar variants."""
+
+
+def is_drjit(value: object) -> bool:
+    """Return whether a value is a Dr.Jit array, without importing Dr.Jit."""
+    return has_drjit((value,))
+
+
+def has_drjit(values: Iterable[object]) -> bool:
+    """Return whether any of the values is a Dr.Jit array."""
+    # While another thread imports Dr.Jit, the module may lack names.
+    is_array = getattr(sys.modules.get("drjit"), "is_array_v", None)
+    return is_array is not None and any(map(is_array, values))
+
+
 Array = npt.NDArray[Any]
 Table = npt.NDArray[Any]
 Row = tuple[float, ...]
@@ -33,7 +48,7 @@ Term = Callable[..., Values]
 
 
 def unrolled_sum(rows: Sequence[Row], term: Term) -> Values:
-    """Return the sums of ``term(*row)`` over all rows, at least one, row by row."""
+    """Return the sums of ``term(*row)`` over one or more rows, row by row."""
     totals = term(*rows[0])
     for row in rows[1:]:
         totals = _sums(totals, term(*row))
@@ -41,7 +56,7 @@ def unrolled_sum(rows: Sequence[Row], term: Term) -> Values:
 
 
 def unrolled_steps(count: int, state: Values, step: Term) -> Values:
-    """Return the last ``state = step(number, *state)`` for numbers from 0 to count - 1."""
+    """Return the state after ``count`` steps ``state = step(number, *state)``, from number 0."""
     for number in range(count):
         state = step(number, *state)
     return state
@@ -125,7 +140,7 @@ class NumpyOperations(_Unfused):
 
     def on_device(self, table: Table) -> Numbers:
         """Return a copy of a table in the memory layout that :meth:`gather` requires."""
-        # Contiguous columns stay in the cache.
+        # Contiguous columns stay in the processor's cache.
         return table.astype(np.float64 if table.dtype.kind == "f" else np.int64, order="F")
 
     def gather(self, table: Any, row: Any) -> Values:
@@ -142,7 +157,7 @@ class NumpyOperations(_Unfused):
         """Return the sums of ``term(row, *samples)`` over row indices ``first`` to ``end`` - 1.
 
         Each sample may have its own ``first`` and ``end``. Rows for which ``keep(row, *samples)``
-        is false are skipped, because ``term`` is 0.
+        is false are skipped, because their ``term`` is 0.
         """
         shape = np.broadcast_shapes(np.shape(first), *map(np.shape, samples)) or (1,)
         count = math.prod(shape)
@@ -206,7 +221,8 @@ class RowByRow(Operations):
     and returns the final state. With ``is_sum``, the state consists of sums, which may have
     derivatives."""
 
-    # With some versions of LLVM, dr.minimum and dr.maximum abort the process.
+    # dr.minimum and dr.maximum are not used, because they abort the process with some versions of
+    # LLVM.
     def minimum(self, a: Any, b: Any) -> Numbers:
         """Return the smaller of two values."""
         return self.select(a < b, a, b)
@@ -292,7 +308,7 @@ class ScalarOperations(_Unfused, RowByRow):
     def sum_over(
         self, rows: Sequence[Row], term: Term, values: int, like: Any, *, unroll: bool = True
     ) -> Values:
-        """Return the sums of ``term(*row)`` over all rows, at least one."""
+        """Return the sums of ``term(*row)`` over one or more rows."""
         return unrolled_sum(rows, term)
 
     def select(self, condition: Any, a: Any, b: Any) -> Numbers:

@@ -9,7 +9,7 @@ last axis for the real and the imaginary part.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,26 +19,13 @@ from polywigner import llvm
 from polywigner.errors import ArgumentError
 from polywigner.execution.chunks import array_of
 from polywigner.execution.drjit_operations import DrjitOperations
-from polywigner.execution.operations import Drjit, Numbers
-from polywigner.geometry.arguments import real_numbers
+from polywigner.execution.operations import Drjit, Numbers, is_drjit
+from polywigner.geometry.arguments import broadcast_shape, real_numbers
 from polywigner.numerics.chirps import waves_of_cycles
 from polywigner.numerics.phases import cos_sin_cycles
 
 Points = Mapping[str, Any]
 """Points, with the names of the arguments as keys."""
-
-
-def is_drjit(value: object) -> bool:
-    """Return whether a value is a Dr.Jit array, without importing Dr.Jit."""
-    # While another thread imports Dr.Jit, the module may lack names.
-    is_array = getattr(sys.modules.get("drjit"), "is_array_v", None)
-    return is_array is not None and bool(is_array(value))
-
-
-def has_drjit(values: Iterable[object]) -> bool:
-    """Return whether any of the values is a Dr.Jit array."""
-    is_array = getattr(sys.modules.get("drjit"), "is_array_v", None)
-    return is_array is not None and any(map(is_array, values))
 
 
 def _is_tensor(value: Any) -> bool:
@@ -49,7 +36,7 @@ def _is_tensor(value: Any) -> bool:
 def sibling(float_type: type, name: str) -> Callable[..., Drjit]:
     """Return the Dr.Jit type ``name`` with the backend and precision of a float type.
 
-    The name, such as "Array2f", is that of the type in single precision.
+    ``name`` is the name of the type in single precision, such as "Array2f".
     """
     suffix = "64" if float_type.__name__.endswith("64") else ""
     kind: Callable[..., Drjit] = getattr(sys.modules[float_type.__module__], name + suffix)
@@ -105,22 +92,17 @@ def _common_float(arrays: Points, precision: str | None, engine: str) -> type:
     return float_type
 
 
-def on_components(
-    function: Callable[[dict[str, Drjit]], Drjit],
-    points: Points,
-    parameters: Points,
-    precision: str | None,
-    engine: str,
-) -> Drjit:
-    """Return ``function(points)`` as the kind of Dr.Jit array that the caller uses.
+def component_arrays(
+    points: Points, parameters: Points, precision: str | None, engine: str
+) -> tuple[dict[str, Drjit], Callable[[Drjit], Drjit]]:
+    """Return points as component arrays, and a function that converts results for the caller.
 
-    Points that are not Dr.Jit arrays become component arrays if another argument is a component
-    array, and tensors otherwise. Complex tensors have a last axis of length 2.
+    The function returns the kind of Dr.Jit array that the caller uses for points. Points that are
+    not Dr.Jit arrays are converted like component arrays if another argument is a component array,
+    and like tensors otherwise. Complex tensors have a last axis of length 2.
 
     Parameters
     ----------
-    function : callable
-        Function of a dictionary of component arrays.
     points : mapping
         Points, with the names of the arguments as keys.
     parameters : mapping
@@ -153,19 +135,25 @@ def on_components(
             "of points"
         )
     size = 0 if 0 in widths else max(widths)
-    # Dr.Jit cannot add a number to an empty array, so the function is called with a single point.
+    # Dr.Jit cannot add a number to an empty array, so results are computed for a single point.
     if not size:
         arrays = {name: drjit.zeros(type(array), 1) for name, array in arrays.items()}
-    value = function(arrays)
-    if not size:
-        value = drjit.zeros(type(value), 0)
-    elif drjit.width(value) != size:
-        value = value + drjit.zeros(type(value), size)
-    if shape is None:
-        return value
-    last = (2,) if drjit.is_complex_v(value) else ()
-    flat = drjit.ravel(value) if last and size else drjit.zeros(float_type, 0) if last else value
-    return (tensor or sibling(float_type, "TensorXf"))(flat, (*shape, *last))
+
+    def restored(value: Drjit) -> Drjit:
+        """Return a result with one entry per point, as an array or a tensor."""
+        if not size:
+            value = drjit.zeros(type(value), 0)
+        elif drjit.width(value) != size:
+            value = value + drjit.zeros(type(value), size)
+        if shape is None:
+            return value
+        last = (2,) if drjit.is_complex_v(value) else ()
+        flat = value
+        if last:
+            flat = drjit.ravel(value) if size else drjit.zeros(float_type, 0)
+        return (tensor or sibling(float_type, "TensorXf"))(flat, (*shape, *last))
+
+    return arrays, restored
 
 
 def _component_array(name: str, value: Any, float_type: type) -> Drjit:
@@ -182,19 +170,14 @@ def _component_array(name: str, value: Any, float_type: type) -> Drjit:
         return joined([array_of(float_type, column) for column in np.atleast_2d(array).T])
     if drjit.depth_v(value) == 1:
         return value
-    if drjit.depth_v(value) != 2 or not 0 < len(value) < 4:
-        raise ArgumentError(
-            f"expected {name} to be an array with 1 to 3 components on its first axis, got "
-            f"{type(value).__name__}"
-        )
     return joined([value[k] for k in range(len(value))])
 
 
 def _from_tensors(points: Points, float_type: type) -> tuple[dict[str, Drjit], tuple[int, ...]]:
     """Return points in tensors as flat component arrays, and their shape without components.
 
-    Raises ArgumentError if an argument is no tensor or array with 1 to 3 components, or if the
-    shapes do not broadcast.
+    Raises ArgumentError if an argument is neither a tensor nor an array with 1 to 3 components, or
+    if the shapes do not broadcast.
     """
     import drjit
 
@@ -215,13 +198,7 @@ def _from_tensors(points: Points, float_type: type) -> tuple[dict[str, Drjit], t
             raise ArgumentError(
                 f"expected {name} with 1 to 3 components on its last axis, got shape {shapes[name]}"
             )
-    try:
-        shape = np.broadcast_shapes(*(full[:-1] for full in shapes.values()))
-    except ValueError:
-        raise ArgumentError(
-            "expected points with shapes that broadcast against each other, got "
-            f"{list(shapes.values())}"
-        ) from None
+    shape = broadcast_shape(*(full[:-1] for full in shapes.values()))
     arrays = {}
     for name, (*before, dimension) in shapes.items():
         kind: Any = float_type if dimension == 1 else sibling(float_type, f"Array{dimension}f")

@@ -8,17 +8,19 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from typing import TypeVar
 
-from polywigner.geometry.arguments import checked_flag
+from polywigner.geometry.arguments import checked_callable, checked_flag
 
 Part = TypeVar("Part")
 # Function to call after each part. Its argument is the number of parts finished since the last
 # call, by default 1.
 Advance = Callable[..., None]
+# Function of the number of finished parts and the number of all parts.
+Report = Callable[[int, int], None]
 
 # Time [s] after which a call draws a progress bar.
 _PATIENCE = 5.0
 
-# Number of visible progress bars. Calls do not nest bars.
+# Number of visible progress bars. While a bar is visible, other calls draw no bar.
 _bars = 0
 
 
@@ -68,13 +70,14 @@ def progress_bar(
 
 
 @contextmanager
-def slow_bar(title: str, total: int) -> Iterator[Advance]:
+def slow_bar(title: str, total: int, report: Report | None = None) -> Iterator[Advance]:
     """Draw a progress bar after five seconds, unless another bar is visible.
 
     Yields a function to call after each part, like :func:`progress_bar`. Without a terminal, no bar
-    is drawn.
+    is drawn. A ``report`` is called after each part instead.
     """
     start, done = time.monotonic(), 0
+    checked_callable(report, "progress")
     draw: Advance | None = None
     with ExitStack() as stack:
 
@@ -83,7 +86,9 @@ def slow_bar(title: str, total: int) -> Iterator[Advance]:
             nonlocal done, draw
             done += parts
             is_slow = done < total and time.monotonic() - start > _PATIENCE
-            if draw is not None:
+            if report is not None:
+                report(done, total)
+            elif draw is not None:
                 draw(parts)
             elif is_slow and _bars == 0 and _is_terminal():
                 draw = stack.enter_context(progress_bar(title, total, done, True))
@@ -92,10 +97,13 @@ def slow_bar(title: str, total: int) -> Iterator[Advance]:
 
 
 @contextmanager
-def with_progress(title: str, parts: Sequence[Part]) -> Iterator[Iterator[Part]]:
+def with_progress(
+    title: str, parts: Sequence[Part], report: Report | None = None
+) -> Iterator[Iterator[Part]]:
     """Yield an iterator over the parts of a task that draws a progress bar after five seconds.
 
-    The context manager erases the bar immediately after an exception, unlike a generator.
+    The context manager erases the bar immediately after an exception, unlike a generator. A
+    ``report`` is called after each part instead.
     """
 
     def iterate() -> Iterator[Part]:
@@ -104,5 +112,5 @@ def with_progress(title: str, parts: Sequence[Part]) -> Iterator[Iterator[Part]]
             yield part
             advance()
 
-    with slow_bar(title, len(parts)) as advance:
+    with slow_bar(title, len(parts), report) as advance:
         yield iterate()

@@ -35,8 +35,8 @@ from polywigner.numerics.phases import Pair, cos_sin_cycles
 # Largest number of samples for which traced calls read edges from memory, because compiling edges
 # as code would take longer. Calls with at most as many samples may be recorded.
 _MOST_AS_DATA = 1 << 16
-# Number of the call from which calls with the same source are recorded. Up to 16 edges are compiled
-# as code, in 10 to 20 ms per edge. Tracing takes 1 to 3 ms in each call.
+# Number of the first call that is recorded, among calls with the same source. Up to 16 edges are
+# compiled as code, which takes 10 to 20 ms per edge. Tracing takes 1 to 3 ms in each call.
 _FIRST_RECORDED = 8
 # Smallest number of samples, and smallest number of edges, for which samples are sorted by cell.
 # Sorting waits for the arguments and takes about 30 ns per sample.
@@ -177,7 +177,7 @@ def kernel_with_derivatives(
     inner = kernel.enter(ops, tables.frame, *components)
     fixed = dr.detach(inner)
     values = kernel.edge_sum(ops, tables, *fixed)
-    # Closed-form derivatives do not exist for the phase of the centre, the first argument.
+    # The first argument, the phase of the centre, has no closed-form derivatives.
     summed = map(real, fixed[-2 * len(closed.points) :])
     derivatives = closed.gradients(ops, tables, _Accumulator(ops, traced), *summed)
     change = [real(value) for value in components]
@@ -213,7 +213,8 @@ def evaluate_traced(
     numbers = source if isinstance(source, Differentiable) else Differentiable(source)
     make_tables: Any = kernel.tables_for
     if numbers.vertices is not None:
-        # The cache may contain an equal aperture whose rings start at other vertices.
+        # The cache is bypassed, because it may contain an equal aperture whose rings start at other
+        # vertices.
         make_tables = getattr(kernel.tables, "__wrapped__", kernel.tables)
     tables = make_tables(numbers.source, ops.double)
     components = [_in_memory(c) for c in (components if shear is None else shear(components))]
@@ -285,7 +286,7 @@ def _order(
     components: Sequence[Drjit],
     numbers: Sequence[Any],
 ) -> NDArray[np.intp] | None:
-    """Return indices that sort samples by the cell of their offset; None if that saves no time.
+    """Return indices that sort samples by cell, or None if sorting saves no time.
 
     The shape is (n,) or (4, m), as for :func:`order_by_cell`.
     """
@@ -340,7 +341,7 @@ def _in_memory(component: Drjit) -> Drjit:
 
 
 def site_sum(nu: Drjit, positions: NDArray[np.float64], weights: Drjit) -> Drjit:
-    """Return an array factor that is differentiable in frequencies and weights, (L3).
+    """Return an array factor, equation (L3), that is differentiable in frequencies and weights.
 
     The factor is the sum of w exp(-2 pi i nu.p) over the positions p, shape (n, 2). ``nu`` is an
     ``Array2f``, and ``weights`` a ``Complex2f`` with one entry per position.

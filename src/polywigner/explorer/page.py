@@ -64,7 +64,7 @@ _QUICK_SAMPLES = 49  # number of samples along an axis during a change
 _SECONDS = 1.0  # longest computing time of a view after a change [s]
 _WIDE: dict[str, Any] = {"sizing_mode": "stretch_width"}
 _FIELD: dict[str, Any] = {"margin": (4, 8), **_WIDE}
-# Ranges of logarithmic sliders.
+# Lower and upper limits of logarithmic sliders.
 _LOG = {"wavelength": (0.05, 50), "width": (0.5, 100), "distance": (1, 1000)}
 
 
@@ -94,7 +94,8 @@ class Explorer:
     def page(self) -> pn.Template:
         """Return the template of the current Bokeh document."""
         if self._document is None:
-            # Wait for the thread; from here on, models change under the document's lock.
+            # Wait for the computing thread. From then on, models change only under the document's
+            # lock.
             self._pool.submit(int).result()
             self._document = pn.state.curdoc
             self._pool.submit(self._compute_views, self.state)
@@ -272,7 +273,8 @@ class Explorer:
 
     def _run_scheduled(self) -> None:
         """Run all scheduled function calls in their order."""
-        # Bokeh may change the order of its callbacks.
+        # Each call runs all scheduled functions in order, because Bokeh may change the order of its
+        # callbacks.
         while self._scheduled:
             self._scheduled.popleft()()
 

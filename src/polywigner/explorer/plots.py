@@ -57,7 +57,7 @@ class Editor:
             min_border_left=58, min_border_right=22, min_border_top=34, min_border_bottom=46,
             output_backend="canvas",
         )  # fmt: skip
-        # Methods such as plot.scatter would create four glyphs.
+        # `add_glyph` adds one glyph; methods such as plot.scatter would create four.
         plot.add_glyph(self._support, models.MultiPolygons(fill_color=PALE, line_color=None))
         plot.add_glyph(
             self._drawn, models.MultiPolygons(fill_color=BLUE, fill_alpha=0.75, line_color=INK)

@@ -20,6 +20,7 @@ from shapely.geometry.base import BaseGeometry
 import polywigner as pw
 from polywigner import errors
 from polywigner.geometry import Aperture, shapes
+from polywigner.geometry.arguments import check_most
 from polywigner.geometry.io.outlines import nested
 from polywigner.geometry.parts import polygons_in
 from polywigner.geometry.rings import rings_of_polygon
@@ -31,7 +32,7 @@ Ring = tuple[Point, ...]
 Rings = tuple[Ring, ...]
 Source = pw.Aperture | pw.Array
 
-# Units per metre.
+# Number of units per metre.
 UNITS: Mapping[str, int] = {"m": 1, "cm": 100, "mm": 1000, "µm": 10**6, "nm": 10**9}
 TAPERS = {"uniform": None, "cosine": "cosine_taper", "Taylor 30 dB": "taylor_taper"}
 CATALOGUE: Mapping[str, Callable[[], Aperture]] = {
@@ -94,12 +95,8 @@ class State:
     def __post_init__(self) -> None:
         rings = tuple(tuple((float(x), float(y)) for x, y in ring) for ring in self.rings)
         object.__setattr__(self, "rings", rings)
-        count = sum(map(len, rings))
-        if count > MAX_VERTICES:
-            raise errors.ArgumentError(
-                f"the outlines have {count} vertices, at most {MAX_VERTICES} are allowed on the "
-                "page; use the command `polywigner transform`"
-            )
+        remedy = "use the command `polywigner transform`"
+        check_most(sum(map(len, rings)), MAX_VERTICES, "vertices on the page", remedy)
         self.wavelength  # noqa: B018 (raises an error if the wave cannot be parsed)
 
     @property
@@ -165,11 +162,11 @@ class History:
         self.position, self.gesture = len(self.states) - 1, gesture
 
     def can_move(self, steps: int) -> bool:
-        """Return whether a state ``steps`` later, or earlier if negative, exists."""
+        """Return whether there is a state ``steps`` steps later (earlier if negative)."""
         return 0 <= self.position + steps < len(self.states)
 
     def move(self, steps: int) -> None:
-        """Move by ``steps`` states, backwards if negative, unless no such state exists."""
+        """Move by ``steps`` states (backwards if negative), if there is such a state."""
         if self.can_move(steps):
             self.position, self.gesture = self.position + steps, ""
 
@@ -221,7 +218,7 @@ def geojson(state: State) -> str:
 def aperture_of(rings: Rings, per_metre: int) -> Aperture:
     """Return the aperture in metres for outlines in units of 1/``per_metre`` metre.
 
-    Raises GeometryError for no outlines or crossing outlines.
+    Raises GeometryError if there are no outlines, or if outlines cross.
     """
     if not rings:
         raise errors.GeometryError("there is no outline; draw an outline or choose a shape")
@@ -236,11 +233,7 @@ def source_code(state: State) -> str:
     Raises PolywignerError if the outlines are not polygons or the array is too large.
     """
     count = state.columns * state.rows
-    if count > MAX_ELEMENTS:
-        raise errors.ArgumentError(
-            f"the array has {count} elements, at most {MAX_ELEMENTS} are allowed; reduce its rows "
-            "or columns"
-        )
+    check_most(count, MAX_ELEMENTS, "elements of the array", "reduce its rows or columns")
     lines = [f"wavelength = {state.wavelength!r}  # m", "source = pw.Aperture([  # m"]
     for exterior, *holes in polygons_of(aperture_of(state.rings, state.per_metre).polygons):
         inner = f", {[ring.tolist() for ring in holes]}" if holes else ""

@@ -38,7 +38,7 @@ axis = np.linspace(-{half!r}, {half!r}, {samples})
 x, y = {x!r} + axis, {y!r} + axis
 grid = np.stack(np.meshgrid(x, y), axis=-1)
 """
-# A compiled engine would compile new kernels for each outline.
+# Code of each view for NumPy, because a compiled engine would compile kernels for each outline.
 _CODE: Mapping[Name, str] = {
     "fourier": _GRID + 'values = pw.fourier(source, grid, engine="numpy")  # m², axes in 1/m',
     "wigner_nu": _GRID

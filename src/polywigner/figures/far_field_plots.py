@@ -92,10 +92,6 @@ def draw_pattern(
         ``figure`` has another type.
     """
     check_floor(floor_db)
-    if metrics is not None and not isinstance(metrics, BeamMetrics):
-        raise ArgumentError(
-            f"expected metrics to be the result of beam_metrics, got {type(metrics).__name__}"
-        )
     theta, phi, levels, _ = checked_pattern(pattern)
     chosen = _panel_names(panels, len(phi))
     lines, beam = _drawn_cuts(pattern, cuts, metrics)
@@ -127,8 +123,6 @@ def _panel_names(panels: Sequence[str] | None, meridians: int) -> list[str]:
     if isinstance(panels, str) or not isinstance(panels, Sequence):
         panels = [panels]
     names = [checked_choice(panel, "panels", get_args(PatternPanel)) for panel in panels]
-    if not names:
-        raise ArgumentError("panels must contain at least one name, got an empty sequence")
     if "uv" in names and meridians < _LEAST_MERIDIANS:
         raise ArgumentError(
             f"the panel 'uv' requires at least {_LEAST_MERIDIANS} phi angles, got {meridians}; "
@@ -226,7 +220,7 @@ def _draw_cuts(
 def _plot_levels(
     axes: Axes, number: int, angles: Floats, levels: Floats, low: float, **line: Any
 ) -> None:
-    """Draw the levels of cut ``number``, clipped at ``low``; angles in the unit of the axes."""
+    """Draw the levels of cut ``number``, clipped at ``low``, over angles in the axes' unit."""
     default: dict[str, Any] = {"color": _COLOURS[number % 4], "ls": _DASHES[number % 4], "lw": 1.2}
     axes.plot(angles, np.maximum(levels, low), **(default | line))
 

@@ -70,10 +70,6 @@ class Comparison:
         arrays = {
             str(name): array.squeeze() for name, array in checked_dataset(dataset).data_vars.items()
         }
-        if not arrays:
-            raise ArgumentError(
-                "the dataset contains no field to draw; expected at least one variable"
-            )
         first = next(iter(arrays.values()))
         quantity, unit = quantity_of(first), printed_unit(first)
         for name, array in arrays.items():
@@ -385,14 +381,14 @@ def _draw_phases(
     from matplotlib.colors import Normalize
 
     for axes, (method, field) in zip(panels, fields.fields.items(), strict=True):
-        # Phases are noise close to nulls.
+        # Phases are noise close to nulls, so the opacity decreases with the level.
         strength = 1 - level_db(fields.powers[method], fields.zero, floor_db) / floor_db
         phases = _as_image(np.degrees(np.angle(field)), fields)
         shown: Any = style.draw_map(
             axes, phases, across, up, cmap=style.PHASE_MAP, vmin=-180, vmax=180
         )
         shown.set_alpha(_as_image(np.clip(3 * strength, 0, 1), fields))
-    # A colour bar of the translucent images would be translucent.
+    # The colour bar uses an opaque map, because a colour bar of translucent images is translucent.
     opaque = ScalarMappable(Normalize(-180, 180), style.PHASE_MAP)
     style.colour_bar(panels, opaque, "phase (degrees)").set_ticks([-180, -90, 0, 90, 180])
 

@@ -13,6 +13,7 @@ from polywigner.geometry.arguments import (
     checked_array,
     checked_length,
     checked_number,
+    checked_type,
     checked_vectors,
 )
 from polywigner.numerics import Floats
@@ -25,21 +26,21 @@ if TYPE_CHECKING:
 PEAK_RULE = "largest 3x3 median"
 """Definition of 0 dB by :func:`image_peak`, for labels and logs."""
 COMPARED_DB = -30.0
-"""Level in dB relative to the peak below which fields are not compared; dB diverge at nulls."""
+"""Lowest compared level in dB relative to the peak; at nulls, levels in dB diverge."""
 
 _MILLIWATT = 1e-3
 # Lowest floor [dB]; lower levels of a field with 15 digits are rounding errors.
 _LOWEST_DB = -300.0
 # Largest relative deviation of a step from the mean step of an evenly spaced axis.
 _EVEN = 1e-3
-# Units for labels, by the unit strings in files.
+# Units for labels; the keys are the unit strings in files.
 _PRINTED = {"W m-2": "W/m²", "W0.5 m-1": "√W/m", "1": ""}
 _NAMES = {"wigner": "Wigner", "fresnel": "Fresnel", "fraunhofer": "Fraunhofer"}
 _NAMES |= {name: obliquity.title for name, obliquity in OBLIQUITIES.items()}
 
 
 def check_floor(floor_db: float) -> float:
-    """Return a floor; raise ArgumentError unless it is from -300 dB to below 0 dB."""
+    """Return a floor; raise ArgumentError unless it is at least -300 dB and below 0 dB."""
     meaning = f"a level below 0 dB and at least {_LOWEST_DB:g} dB"
     return checked_number(floor_db, "floor_db", meaning, lambda level: _LOWEST_DB <= level < 0)
 
@@ -117,11 +118,10 @@ def checked_dataset(dataset: Any) -> xarray.Dataset:
     """Return a dataset; raise ArgumentError for other types."""
     import xarray
 
-    if not isinstance(dataset, xarray.Dataset):
-        raise ArgumentError(
-            f"expected dataset to be an xarray.Dataset, got {type(dataset).__name__}"
-        )
-    return dataset
+    result: xarray.Dataset = checked_type(
+        dataset, "dataset to be an xarray.Dataset", xarray.Dataset
+    )
+    return result
 
 
 class Difference(NamedTuple):
@@ -138,7 +138,7 @@ class Difference(NamedTuple):
 
 
 def difference_db(values: ArrayLike, reference: ArrayLike) -> xarray.DataArray:
-    """Return level differences of powers from a reference in dB, with NaN where none is computed.
+    """Return level differences of powers from a reference in dB, or NaN for ignored points.
 
     NaN replaces points where the reference is below -30 dB of its peak, or the power is not
     positive.

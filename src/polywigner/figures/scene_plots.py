@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, value_text
+from polywigner.errors import ArgumentError
 from polywigner.figures import style
 from polywigner.figures.levels import check_floor, dbm, image_peak, level_db
 from polywigner.geometry.arguments import checked_array, checked_count
@@ -204,7 +204,7 @@ def draw_range_profile(
         Index of the receiver.
     floor_db : float, default -60
         Lowest level in dB relative to the largest bin. The axis extends to 5 dB below the noise if
-        that is lower. Bins below the floor have no line.
+        this level is lower. Bins below the floor have no line.
     title : str, optional
         Title of the panel.
     ax : matplotlib.axes.Axes, default new axes
@@ -372,10 +372,6 @@ def _view_limits(
 
 def _mark_paths(axes: Any, direct: Sequence[DirectArrival]) -> list[Annotation]:
     """Draw a circle and a label for each path, and return the labels."""
-    if not isinstance(direct, Sequence) or not all(isinstance(d, DirectArrival) for d in direct):
-        raise ArgumentError(
-            f"expected direct to be a sequence of DirectArrival objects, got {value_text(direct)}"
-        )
     labels = []
     for arrival in direct:
         axes.plot(*arrival.direction_cosines, "o", mfc="none", mec=_MARK, ms=7, mew=1.2)
@@ -402,8 +398,9 @@ def draw_channel(
     """Draw channels over frequency and their impulse responses over delay.
 
     Each pair of emitter and receiver has a row; the first six pairs are drawn. The impulse response
-    is the mean of h exp(-2 pi i f t) over evenly spaced frequencies with a Hann window, so a single
-    path peaks at its level. Stems mark the paths at the centre frequency.
+    is the mean of h exp(-2 pi i f t) over evenly spaced frequencies with a Hann window, so the
+    response of a single path peaks at the level of the path. Stems mark the paths at the centre
+    frequency.
 
     Parameters
     ----------
@@ -467,7 +464,7 @@ def _draw_response(
 ) -> None:
     """Draw the impulse response of a channel in dB over the delay, and mark its paths.
 
-    ``frequencies`` are in Hz, and ``delays`` in s; NaN for paths that do not exist.
+    ``frequencies`` are in Hz. ``delays`` are in s, and NaN for paths that do not exist.
     """
     exists = np.isfinite(delays)
     steps = np.diff(frequencies)

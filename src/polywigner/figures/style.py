@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeAlias, TypeVar
 
 import numpy as np
 
-from polywigner.errors import ArgumentError
+from polywigner.geometry.arguments import checked_type
 from polywigner.geometry.parts import polygons_in
 from polywigner.geometry.rings import draw_rings, rings_of_polygon
 from polywigner.quantities import LengthUnit
+from polywigner.transforms.projection import is_frequency
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -72,7 +73,7 @@ def draw_levels(
     high: float | None = 0.0, label: str | None = None,
     **options: Any,
 ) -> Map:  # fmt: skip
-    """Draw levels from ``low`` (black) to ``high``; None selects the largest level.
+    """Draw levels from ``low`` (black) to ``high``, by default the largest level.
 
     A ``label`` adds a colour bar. See :func:`draw_map` for ``across`` and ``up``.
     """
@@ -163,11 +164,9 @@ def figure_on(figure: Any, width: float, height: float, title: str, **layout: An
 
     if figure is None:
         figure = new_figure(width, height, **layout)
-    if not isinstance(figure, FigureBase):
-        raise ArgumentError(
-            f"expected figure to be a matplotlib Figure or SubFigure, got {type(figure).__name__}; "
-            "pass a figure instead of axes, because several panels are drawn"
-        )
+    advice = "pass a figure instead of axes, because several panels are drawn"
+    expected = "figure to be a matplotlib Figure or SubFigure"
+    checked_type(figure, expected, FigureBase, advice=advice)
     if isinstance(figure, Figure) and figure.get_layout_engine() is None and not figure.axes:
         figure.set_layout_engine("constrained")
     if title or not figure.get_suptitle():
@@ -187,11 +186,8 @@ def axes_on(ax: Any, width: float, height: float) -> tuple[Axes, Axes | Figure]:
     if ax is None:
         figure = new_figure(width, height)
         return figure.add_subplot(), figure
-    if not isinstance(ax, Axes):
-        raise ArgumentError(
-            f"expected ax to be matplotlib Axes, got {type(ax).__name__}; create axes with "
-            "matplotlib.pyplot.subplots()"
-        )
+    advice = "create axes with matplotlib.pyplot.subplots()"
+    checked_type(ax, "ax to be matplotlib Axes", Axes, advice=advice)
     return ax, ax
 
 
@@ -336,11 +332,6 @@ def mark_evanescent(axes: Axes, wavelength: float, unit: LengthUnit, ink: str) -
     axes.add_patch(Circle((0, 0), radius, fill=False, edgecolor=ink, lw=0.8, ls=":"))
 
 
-def is_spectral(name: str) -> bool:
-    """Return whether a coordinate is a spatial frequency, such as "nu_x" or "upsilon_x"."""
-    return name.startswith(("nu", "upsilon"))
-
-
 def latex(name: str) -> str:
     """Return the LaTeX code of a coordinate such as "nu_x", without dollar signs."""
     return f"\\{name}" if name.startswith(("xi", "nu", "upsilon")) else name
@@ -348,7 +339,7 @@ def latex(name: str) -> str:
 
 def axis_label(name: str, unit: LengthUnit) -> str:
     """Return the label of a coordinate with its unit, such as ``nu_x (1/mm)``."""
-    return f"${latex(name)}$ ({'1/' if is_spectral(name) else ''}{unit.name})"
+    return f"${latex(name)}$ ({'1/' if is_frequency(name) else ''}{unit.name})"
 
 
 def label_axes(axes: Axes, symbol: str, unit: LengthUnit) -> None:

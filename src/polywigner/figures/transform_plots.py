@@ -17,11 +17,13 @@ from polywigner.geometry.arguments import (
     checked_choice,
     checked_count,
     checked_flag,
+    checked_type,
     checked_vectors,
     checked_wavelength,
 )
 from polywigner.quantities import LengthUnit, length_text, length_unit
 from polywigner.source.array import mutual_support
+from polywigner.transforms.projection import is_frequency
 from polywigner.transforms.wavefronts import flat_source
 
 if TYPE_CHECKING:
@@ -61,11 +63,11 @@ class TransformSlices:
     frequency: NDArray[np.float64]
     """Values (n,) of each component of nu and of upsilon in 1/m."""
     fourier: NDArray[np.complex128]
-    """F (n, n) in m^2."""
+    """Fourier transform F in m^2, shape (n, n)."""
     wigner: NDArray[np.float64]
-    """W (n, n) in m^2."""
+    """Wigner function W in m^2, shape (n, n)."""
     ambiguity: NDArray[np.complex128]
-    """A (n, n) in m^2."""
+    """Ambiguity function A in m^2, shape (n, n)."""
 
 
 def transform_slices(
@@ -236,10 +238,7 @@ def draw_transforms(
         If the floor is not below 0 dB, or ``figure`` has another type.
     """
     check_floor(floor_db)
-    if not isinstance(slices, TransformSlices):
-        raise ArgumentError(
-            f"expected slices to be the result of transform_slices, got {type(slices).__name__}"
-        )
+    checked_type(slices, "slices to be the result of transform_slices", TransformSlices)
     unit = length_unit(slices.aperture.diameter)
     is_cropped = slices.frequency[-1] * (slices.wavelength or 0.0) < 0.5
     note = "" if is_cropped else ", dotted circle: |ν| = 1/λ"
@@ -358,7 +357,7 @@ _COORDINATES = {
     "wigner": ("x", "y", "nu_x", "nu_y"),
     "ambiguity": ("upsilon_x", "upsilon_y", "xi_x", "xi_y"),
 }
-# Closed forms for the titles of tiles.
+# Formulas of some tiles without integrals, for the titles of the tiles.
 _KNOWN = {
     ("autocorrelation", "x", "y"): "R_x",
     ("autocorrelation", "xi_x", "xi_y"): r"R_\xi",
@@ -369,7 +368,7 @@ _KNOWN = {
 }
 _LETTERS = {"autocorrelation": "R", "wigner": "W", "ambiguity": "A"}
 
-# Negative values up to this fraction of the peak are rounding errors.
+# Largest magnitude of negative values that count as rounding errors, as a fraction of the peak.
 _NEGATIVE = 1e-9
 _INCHES = 3.3  # width of a panel with its colour bar
 
@@ -420,7 +419,7 @@ def draw_projections(
     axes_of_tiles = {d for _, *pair in cells.values() for d in pair}
     if min(dataset.sizes[name] for name in axes_of_tiles) < 2:
         raise ArgumentError("a figure requires at least two samples along each axis, got one")
-    lengths = [d for d in axes_of_tiles if not style.is_spectral(d)]
+    lengths = [d for d in axes_of_tiles if not is_frequency(d)]
     unit = length_unit(max(float(np.ptp(dataset[d].values)) for d in lengths))
     rows, columns = (max(cell[k] for cell in cells) + 1 for k in (0, 1))
     size = _INCHES * columns + 0.5, _INCHES * rows * 0.92 + 0.4
@@ -479,18 +478,18 @@ def _draw_tile(
         tile.attrs["units"]
     ]
     scale, printed = float(unit.metres**power), unit.name + exponent if power else ""
-    # 2.56e+04 becomes 2.56·10⁴.
+    # For example, 2.56e+04 becomes 2.56·10⁴.
     digits, _, tens = f"{peak / scale:.3g}".partition("e")
     times = rf"$\,\cdot\,10^{{{int(tens)}}}$" if tens else ""
     size = f"{digits}{times} {printed}".rstrip()
     grid = [
-        np.asarray(data[name].values) * unit.metres ** (1 if style.is_spectral(name) else -1)
+        np.asarray(data[name].values) * unit.metres ** (1 if is_frequency(name) else -1)
         for name in (across, up)
     ]
     options: dict[str, Any] = {"shading": "nearest", "label": f"relative to {size}"}
     if values.min() < -_NEGATIVE * peak:
         style.draw_signed(axes, values / peak, *grid, **options)
-    elif style.is_spectral(across) or style.is_spectral(up):
+    elif is_frequency(across) or is_frequency(up):
         options |= {"low": floor_db, "label": f"dB relative to {size}"}
         style.draw_levels(axes, level_db(values, peak, floor_db), *grid, **options)
     else:
@@ -500,7 +499,7 @@ def _draw_tile(
 
 
 def _tile_title(kind: str, dims: tuple[str, ...], is_complex: bool) -> str:
-    """Return the formula of a tile: an integral over the coordinates that it lacks."""
+    """Return the formula of a tile: an integral over the coordinates that the tile lacks."""
     letter = _LETTERS[kind]
     integrated = [name for name in _COORDINATES[kind] if name not in dims]
     real = r"\mathrm{Re}\," if is_complex else ""

@@ -44,10 +44,10 @@ _INKS = "white", "#101010"
 
 # Viewing angles [degrees]: z points to the right and away from the viewer.
 _ELEVATION, _AZIMUTH = 24.0, -133.0
-# Levels are clipped this far below a surface [dB]; otherwise, interpolation towards a null would
-# shift the surface.
+# Distance below a surface at which levels are clipped [dB]; without clipping, interpolation towards
+# a null would shift the surface.
 _BELOW = 20.0
-# Smallest ratio of a side of the box, as drawn, to the longest side.
+# Smallest ratio of a side of the drawn box to its longest side.
 _FLATTEST = 0.25
 _AMBIENT, _DIFFUSE = 0.45, 0.55
 
@@ -146,7 +146,7 @@ def draw_volume(
         _draw_wall(axes, volume, axis, wall, floor_db, shells, colours)
     opacities = np.geomspace(_FAINTEST, _DENSEST, len(shells))
     for k, (shell, colour, opacity) in enumerate(zip(shells, colours, opacities, strict=True)):
-        # Surfaces of lower levels enclose surfaces of higher levels.
+        # Surfaces of lower levels enclose surfaces of higher levels, so they are drawn on top.
         _draw_surface(axes, volume, levels, shell, colour, opacity, zorder=20 - k)
     if source is None and SOURCE_COORDINATE in dataset.coords:
         source = read_source(dataset)  # type: ignore[assignment]
@@ -243,7 +243,7 @@ def _draw_box(axes: Any, lower: Floats, upper: Floats, unit: str) -> None:
     """Set the view and the axes of a box, and draw the edges of its back walls."""
     from matplotlib.ticker import MaxNLocator
 
-    # Matplotlib would sort artists by their mean depth.
+    # By default, matplotlib would sort artists by their mean depth.
     axes.computed_zorder = False
     extent = upper - lower
     axes.set_proj_type("ortho")
@@ -269,7 +269,7 @@ def _draw_wall(
     axes: Any, volume: _Volume, axis: int, wall: Floats, floor_db: float,
     contours: tuple[float, ...], colours: Floats,
 ) -> None:  # fmt: skip
-    """Draw levels ``wall`` in dB on the back wall normal to an axis: filled contours, lines."""
+    """Draw levels ``wall`` in dB as filled contours and lines on the wall normal to an axis."""
     lower, upper = volume.lower, volume.upper
     position = (lower if _view_direction()[axis] > 0 else upper)[axis]
     shape = volume.values.shape
@@ -289,8 +289,8 @@ def _draw_surface(
 ) -> None:  # fmt: skip
     """Draw an isosurface, closed at the faces of the box.
 
-    The surface is drawn opaque, and the resulting image is made translucent. This hides the back of
-    the surface and the edges of its triangles.
+    The surface is drawn opaque, and the resulting image is made translucent. This method hides the
+    back of the surface and the edges of its triangles.
     """
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
     from skimage.measure import marching_cubes

@@ -11,8 +11,15 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, GeometryError, IlluminationError
-from polywigner.geometry.arguments import Immutable, Outline, checked_length, frozen, rigid_pose
+from polywigner.errors import GeometryError, IlluminationError
+from polywigner.geometry.arguments import (
+    Immutable,
+    Outline,
+    checked_length,
+    checked_type,
+    frozen,
+    rigid_pose,
+)
 from polywigner.geometry.convex import convex_pieces, mean_polygon, triangulate_part
 from polywigner.geometry.illumination import (
     Illumination,
@@ -52,13 +59,14 @@ class Aperture(TakesWaves):
     ----------
     vertices : array_like, shape (n, 2), list of such arrays, or shapely polygons
         One ring, a list of rings for separate parts, or a shapely Polygon or MultiPolygon, which
-        may have holes. In metres; any other unit works if it is used consistently.
+        may have holes. Coordinates are in metres; any other unit works if it is used consistently.
 
     Raises
     ------
     GeometryError
-        If a coordinate is not finite, a ring has fewer than three vertices or zero area, crosses or
-        touches itself (see :meth:`from_ring`), a hole is outside its polygon, or parts overlap.
+        If a coordinate is not finite, if a ring has fewer than three vertices, has zero area, or
+        crosses or touches itself (see :meth:`from_ring`), if a hole is outside its polygon, or if
+        parts overlap.
 
     Notes
     -----
@@ -110,7 +118,7 @@ class Aperture(TakesWaves):
     def _mapped(
         self, image: Callable[[Ring], Ring], image_of_field: Callable[[Illumination], Illumination]
     ) -> Aperture:
-        """Return an aperture with a similarity transform of the outline, segments and field.
+        """Return the aperture after a similarity transform of its outline, segments and field.
 
         ``image`` maps vertices (n, 2), and ``image_of_field`` maps the illumination, if any.
         """
@@ -168,7 +176,7 @@ class Aperture(TakesWaves):
             If the field is defined on slits.
         """
         new = Aperture._of(illumination=checked_field(illumination, 2))
-        # The rings are read-only already. Checking thousands of rings takes a millisecond.
+        # The rings are not checked again, because checking thousands of rings takes a millisecond.
         new.__dict__.update(_parts=self._parts, _segments=self._segments)
         return new
 
@@ -217,7 +225,7 @@ class Aperture(TakesWaves):
 
     @property
     def elements_in_plane(self) -> tuple[Aperture, ...]:
-        """Tuple of the elements: only the aperture itself; arrays have several elements."""
+        """Tuple with this aperture as its only element; arrays have several elements."""
         return (self,)
 
     def scaled(self, factor: float) -> Aperture:
@@ -248,8 +256,8 @@ class Aperture(TakesWaves):
     def __and__(self, other: Aperture) -> Aperture:
         """Return the intersection with another aperture, keeping this aperture's field.
 
-        The other aperture must have no illumination or the same field, else IlluminationError is
-        raised. Raises GeometryError if the result is empty.
+        Raises IlluminationError unless the other aperture has the same field or no illumination,
+        and GeometryError if the result is empty.
         """
         return self._combined(shapely.intersection, other)
 
@@ -453,11 +461,8 @@ class PlacedAperture(Immutable):
 
 def _require_aperture(aperture: Aperture) -> None:
     """Raise ArgumentError if the argument is not an Aperture."""
-    if not isinstance(aperture, Aperture):
-        raise ArgumentError(
-            f"expected an Aperture, got {type(aperture).__name__}; make one with "
-            "polywigner.Aperture(vertices), or pass the support of an Array"
-        )
+    advice = "make one with polywigner.Aperture(vertices), or pass the support of an Array"
+    checked_type(aperture, "an Aperture", Aperture, advice=advice)
 
 
 def automean(aperture: Aperture) -> Aperture:

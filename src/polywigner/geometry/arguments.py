@@ -7,7 +7,7 @@ import inspect
 import math
 import os
 import warnings
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from numbers import Real
@@ -186,8 +186,19 @@ def checked_array(values: Any, name: str, dimension: int) -> NDArray[np.float64]
     return real_array(values, expected, (None,) * dimension)
 
 
+def broadcast_shape(*shapes: tuple[int, ...]) -> tuple[int, ...]:
+    """Return the common shape of array arguments; raise ArgumentError if there is none."""
+    try:
+        return np.broadcast_shapes(*shapes)
+    except ValueError:
+        got = ", ".join(map(str, shapes))
+        raise ArgumentError(
+            f"expected shapes that broadcast against each other, got {got}; add axes of length 1"
+        ) from None
+
+
 def frozen(value: T) -> T:
-    """Return a value whose arrays, also in nested tuples, are read-only and contiguous.
+    """Make all arrays in a value, including nested tuples, read-only and contiguous.
 
     Arrays that are already contiguous are not copied but made read-only in place.
     """
@@ -274,6 +285,14 @@ def checked_choice(value: Any, name: str, choices: Collection[str]) -> str:
     return value
 
 
+def checked_type(value: Any, expected: str, *kinds: Any, advice: str = "") -> Any:
+    """Return a value of one of the given types; raise ArgumentError for other values."""
+    if not isinstance(value, kinds):
+        got = f"got {type(value).__name__}{advice and f'; {advice}'}"
+        raise ArgumentError(f"expected {expected}, {got}")
+    return value
+
+
 def check_options(options: Collection[str], known: type) -> None:
     """Raise ArgumentError unless all option names are keys of the TypedDict ``known``."""
     names = known.__annotations__
@@ -340,10 +359,33 @@ def checked_count(value: Any, name: str, least: int, most: int = _LARGEST_COUNT)
     return int(value)
 
 
+def only_given(
+    values: Mapping[str, Any], error: type[PolywignerError] = ArgumentError, purpose: str = ""
+) -> str:
+    """Return the name of the only value that is not None; raise an error for none or several."""
+    given = [name for name, value in values.items() if value is not None]
+    if len(given) != 1:
+        got = " and ".join(given) or "none"
+        raise error(f"expected exactly one of {', '.join(values)}{purpose}, got {got}")
+    return given[0]
+
+
+def check_most(
+    count: float,
+    most: float,
+    things: str,
+    remedy: str,
+    error: type[PolywignerError] = ArgumentError,
+) -> None:
+    """Raise an error if the number of ``things`` is NaN or exceeds ``most``."""
+    if not count <= most:
+        raise error(f"expected at most {most:.7g} {things}, got {count:.7g}; {remedy}")
+
+
 def checked_path(path: Any) -> Path:
     """Return a path, which need not exist, as an absolute path.
 
-    Raises ArgumentError for other values than nonempty text and path-like objects.
+    Raises ArgumentError unless the value is a nonempty string or a path-like object.
     """
     try:
         text = os.fspath(path)
@@ -366,32 +408,29 @@ _SHORTEST_RADIO = 1e-4
 _LONGEST_LINK = 1e5
 
 
-def doubt_of_wavelength(wavelength: float, diameter: float) -> str | None:
-    """Return a warning if a wavelength is implausible for a diameter (both in m), else None."""
-    ratio = diameter / wavelength
+def warn_of_wavelength(source: Any, wavelength: float) -> None:
+    """Warn if a wavelength in m is implausible for a source, or is probably a frequency in Hz."""
+    diameter = _bounding_diagonal(source)
+    ratio = 1.0 if diameter is None else diameter / wavelength
     widest = _WIDEST_RADIO if wavelength >= _SHORTEST_RADIO else _WIDEST_OPTICAL
-    if 1 / _LONGEST <= ratio <= widest:
-        return None
-    size = f"a source of {diameter:.3g} m at a wavelength of {wavelength:.3g} m"
-    if ratio < 1:
-        return (
+    size = f"a source of {diameter or 0.0:.3g} m at a wavelength of {wavelength:.3g} m"
+    if _LIKE_A_FREQUENCY[0] < wavelength < _LIKE_A_FREQUENCY[1]:
+        doubt = (
+            f"{wavelength:g} m looks like a frequency in Hz; pass it as frequency={wavelength:g}, "
+            "or check whether the frequency should be in GHz"
+        )
+    elif ratio < 1 / _LONGEST:
+        doubt = (
             f"{size}, which is {1 / ratio:.3g} times longer than the source; check whether the "
             "frequency should be in GHz"
         )
-    return f"{size}, which is {ratio:.3g} wavelengths across; check whether mm were passed as m"
-
-
-def _warn_of_wavelength(source: Any, wavelength: float) -> None:
-    """Warn if a wavelength in m is implausible for a source, or is probably a frequency in Hz."""
-    if _LIKE_A_FREQUENCY[0] < wavelength < _LIKE_A_FREQUENCY[1]:
-        doubt: str | None = (
-            f"{wavelength:g} m looks like a frequency in Hz; pass it as frequency={wavelength:g}"
+    elif ratio > widest:
+        doubt = (
+            f"{size}, which is {ratio:.3g} wavelengths across; check whether mm were passed as m"
         )
     else:
-        diameter = _bounding_diagonal(source)
-        doubt = None if diameter is None else doubt_of_wavelength(wavelength, diameter)
-    if doubt is not None:
-        warn_caller(f"implausible wavelength: {doubt}", stacklevel=4)
+        return
+    warn_caller(f"implausible wavelength: {doubt}", stacklevel=4)
 
 
 def warn_of_distance(sources: Any, points: NDArray[np.float64], wavelength: float) -> None:
@@ -430,7 +469,7 @@ def warn_caller(message: str, stacklevel: int = 3) -> None:
     warnings.warn(message, PolywignerWarning, stacklevel=stacklevel)
 
 
-# Suppresses repeated warnings when one public function calls another one.
+# Whether a public function is running, so that public functions inside it do not repeat warnings.
 _is_nested: ContextVar[bool] = ContextVar("_is_nested", default=False)
 
 # Lowest accepted frequency [Hz]; smaller values are probably in GHz.
@@ -487,7 +526,7 @@ def takes_frequency(function: Callable[P, R]) -> _WithFrequency[P, R]:
         try:
             if isinstance(length, Real) and 0 < float(length) < math.inf:
                 if not is_nested:
-                    _warn_of_wavelength(args[0] if args else kwargs.get("source"), float(length))
+                    warn_of_wavelength(args[0] if args else kwargs.get("source"), float(length))
                 args, kwargs = (
                     _at_wavelength(args, float(length)),
                     _at_wavelength(kwargs, float(length)),
@@ -558,9 +597,7 @@ def rigid_poses(values: Any, name: str) -> NDArray[np.float64]:
         f"expected {name} to be rigid poses of shape (..., 4, 4), "
         "with rotation and translation only"
     )
-    poses = checked_vectors(values, expected, (4, 4), GeometryError)
-    if not np.isfinite(poses).all():
-        raise GeometryError(f"{expected}, got NaN or infinite elements")
+    poses = finite_array(values, expected, (..., 4, 4), error=GeometryError)
     rotation = poses[..., :3, :3]
     left, scales, right = np.linalg.svd(rotation)
     gram = np.swapaxes(rotation, -1, -2) @ rotation

@@ -7,9 +7,9 @@ two visible parts cancel, and the remaining sides bound the shadow.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import shapely
@@ -18,11 +18,13 @@ from numpy.typing import NDArray
 from polywigner.geometry.hidden_parts import (
     NOTHING,
     Projected,
+    barycentric,
     edges_around,
     in_perspective,
     visible_parts,
 )
-from polywigner.numerics import Floats, Indices
+from polywigner.geometry.polyhedron import axes_across
+from polywigner.numerics import Columns, Floats, Indices
 
 # Cosine of the largest half-angle of a cone that is projected onto one plane instead of six.
 _NARROW = 0.5
@@ -45,23 +47,8 @@ _EQUAL = 1e-6
 _CUBE = np.linalg.qr(np.array([[0.83, 0.31, 0.47], [-0.29, 0.91, 0.17], [0.41, -0.23, 0.87]]))[0]
 
 
-class _Columns:
-    """Base class of dataclasses whose fields are arrays with one row per item."""
-
-    @classmethod
-    def of(cls, parts: Sequence[Self]) -> Self:
-        """Concatenate the rows of several objects."""
-        names = [item.name for item in fields(cls)]  # type: ignore[arg-type]
-        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
-
-    def subset(self, rows: NDArray[np.bool_] | Indices) -> Self:
-        """Return the rows selected by a mask or by indices."""
-        arrays = (getattr(self, item.name) for item in fields(self))  # type: ignore[arg-type]
-        return type(self)(*(array[rows] for array in arrays))
-
-
 @dataclass(frozen=True)
-class Surface(_Columns):
+class Surface(Columns):
     """Illuminated triangles, whose corners are counter-clockwise as seen by the observer."""
 
     corners: Floats
@@ -86,7 +73,7 @@ class Silhouette:
     bodies: Indices
     """Index of the body to which each edge belongs, shape (m,)."""
     behind: Indices
-    """Index of the face behind each edge as seen from the source, shape (m,); -1 if none."""
+    """Index of the face behind each edge as seen from the source, or -1, shape (m,)."""
     touching: frozenset[tuple[int, int]] = frozenset()
     """Pairs of bodies whose surfaces touch."""
     planes: Floats = field(default_factory=partial(np.empty, (0, 4)))
@@ -108,7 +95,7 @@ class Silhouette:
         return cls(**columns, touching=frozenset().union(*(part.touching for part in parts)))
 
     def is_like(self, other: Silhouette) -> bool:
-        """Return whether two silhouettes have the same edges, apart from how these are divided."""
+        """Return whether two silhouettes have the same edges, however the edges are divided."""
         keys, sums = self._lengths()
         other_keys, other_sums = other._lengths()
         within = _EQUAL * float(np.abs(self.edges).max(initial=0.0))
@@ -149,9 +136,9 @@ def net_contours(surface: Surface, observer: Floats, closed: float = 0.0) -> Sil
     """Return the net contours of the visible parts of a surface.
 
     Sides that two visible parts share cancel. ``surface``: the triangles that face the observer.
-    ``observer``: its position (3,). ``closed``: approximate width, in the unit of the positions, up
-    to which slits between bodies have no contours. Raises ArgumentError if too many triangles
-    overlap in projection.
+    ``observer``: position (3,) of the observer. ``closed``: approximate width, in the unit of the
+    positions, up to which slits between bodies have no contours. Raises ArgumentError if too many
+    triangles overlap in projection.
     """
     figures = _projections(surface, observer)
     parts = [
@@ -173,9 +160,7 @@ def _projections(surface: Surface, observer: Floats) -> Iterator[tuple[Projected
     axis = directions.sum(axis=(0, 1))
     axis /= max(float(np.linalg.norm(axis)), 1e-300)
     if (directions @ axis).min() > _NARROW:
-        _, _, axes = np.linalg.svd(axis[None])
-        x = axes[1]
-        yield _projected(surface, observer, np.stack([x, np.cross(axis, x), axis]), False)
+        yield _projected(surface, observer, np.stack([*axes_across(-axis), axis]), False)
         return
     for k in range(3):
         for sign in (1.0, -1.0):
@@ -192,7 +177,7 @@ def _projected(
     """Project a surface along the z axis of a frame; drop triangles of zero width.
 
     ``frame``: x, y and z axes as rows. ``border``: whether sides on the border of the 90-degree
-    pyramid around the z axis are marked, so that they become no contours.
+    pyramid around the z axis are marked, so that they do not become contours.
     """
     corners = surface.corners - observer
     distance = float(np.exp(np.log(corners @ frame[2]).mean()))
@@ -281,7 +266,7 @@ def _contours_in(figure: Projected, surface: Surface, closed: float) -> Silhouet
 
 
 @dataclass(frozen=True)
-class _Segments(_Columns):
+class _Segments(Columns):
     """Directed segments in a projection plane that bound the visible parts of triangles."""
 
     begin: Floats
@@ -291,9 +276,9 @@ class _Segments(_Columns):
     triangle: Indices
     """Index of the triangle that contains each segment, shape (n,)."""
     side: Indices
-    """Index of the triangle's side on which the segment lies, shape (n,); -1 if none."""
+    """Index of the triangle's side on which the segment lies, or -1, shape (n,)."""
     edge: Indices
-    """Index of the mesh edge on which the segment lies, shape (n,); -1 if none."""
+    """Index of the mesh edge on which the segment lies, or -1, shape (n,)."""
 
     @cached_property
     def length(self) -> Floats:
@@ -370,8 +355,8 @@ class _Pairing:
         Call this method only once, because it removes the paired intervals from ``free``.
         """
         s, bodies = self.segments, self.surface.bodies
-        # Each piece: a segment, the start and end of an interval on it, and the segment behind it,
-        # or -1.
+        # Each piece consists of a segment, the start and end of an interval on this segment, and
+        # the segment behind the interval (or -1).
         pieces: list[tuple[int, float, float, int]] = []
         touching = set()
         for j, k in self._candidates():
@@ -390,7 +375,7 @@ class _Pairing:
             pieces += [
                 (k, low, high, -1)
                 for low, high in intervals
-                # Shorter pieces are the ends of closed slits.
+                # Shorter pieces are dropped, because they are the ends of closed slits.
                 if high - low > self.beside or high - low == s.length[k]
             ]
         pieces = [piece for piece in pieces if piece[2] - piece[1] > self.within]
@@ -428,7 +413,7 @@ class _Pairing:
         return list(zip(j[order].tolist(), k[order].tolist(), strict=True))
 
     def _projected_lengths(self, j: int, k: int, *lengths: float) -> list[float]:
-        """Return the nearest points on segment k to points on j, as lengths from the starts."""
+        """Return the points on segment k nearest to points on j, as lengths from the starts."""
         s = self.segments
         points = (s.begin[j] + t * s.unit[j] for t in lengths)
         return [float(np.clip((p - s.begin[k]) @ s.unit[k], 0.0, s.length[k])) for p in points]
@@ -503,11 +488,7 @@ class _Pairing:
         fraction = (near / (near + far))[:, None]
         on_side = (1.0 - fraction) * space[n, k] + fraction * space[n, (k + 1) % 3]
         # Points inside a triangle are interpolated with barycentric coordinates.
-        edges = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
-        inner = np.linalg.solve(edges, (points - corners[:, 0])[..., None])[..., 0]
-        weights = np.column_stack([1.0 - inner.sum(axis=1), inner]) / ranges
-        weights /= weights.sum(axis=1, keepdims=True)
-        inside = np.einsum("nc,nck->nk", weights, space)
+        inside = np.einsum("nc,nck->nk", barycentric(corners, ranges, n, points), space)
         return np.where((s.side >= 0)[:, None], on_side, inside)
 
 

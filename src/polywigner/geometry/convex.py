@@ -14,7 +14,15 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.errors import GeometryError
-from polywigner.geometry.rings import Part, Ring, area2, orientations, polygon_of_part, shoelace
+from polywigner.geometry.rings import (
+    Part,
+    Ring,
+    area2,
+    edges_of_rings,
+    orientations,
+    polygon_of_part,
+    shoelace,
+)
 from polywigner.numerics import Indices
 
 
@@ -41,7 +49,7 @@ def triangulate_part(part: Part) -> tuple[Ring, Indices]:
 def _merged_triangles(
     vertices: Ring, triangles: Indices, diagonals: Sequence[Sequence[int]]
 ) -> list[list[int]]:
-    """Merge triangles across diagonals, in their order, wherever the result is convex.
+    """Merge triangles across diagonals, in the order of the diagonals, if the result is convex.
 
     ``diagonals``: pairs of vertex indices. Returns the vertex indices of each convex polygon.
     """
@@ -102,7 +110,7 @@ def mean_polygon(first: Ring, second: Ring) -> Ring:
         side = np.roll(lowest_first, -1, axis=0) - lowest_first
         direction = np.arctan2(side[:, 1], side[:, 0]) % (2 * np.pi)
         rings.append(lowest_first)
-        # Rounding may swap the directions of two sides.
+        # Angles are made ascending, because rounding may swap the directions of two sides.
         angles.append(np.maximum.accumulate(direction))
     is_of_second = np.argsort(np.concatenate(angles), kind="stable") >= len(first)
     k: NDArray[np.intp] = np.cumsum(is_of_second) - is_of_second
@@ -111,11 +119,11 @@ def mean_polygon(first: Ring, second: Ring) -> Ring:
     return np.asarray(a[j % len(a)] / 2 + b[k % len(b)] / 2)
 
 
-# Trapezoids with up to this fraction of the total area are dropped; single precision does not
-# resolve them.
+# Largest area of dropped trapezoids, as a fraction of the total area; single precision does not
+# resolve smaller trapezoids.
 _NEGLIGIBLE = 1e-12
 
-# Smallest divisor; single precision does not round it to zero.
+# Smallest divisor, which single precision does not round to zero.
 _TINY = 1e-30
 
 
@@ -154,14 +162,14 @@ class Trapezoids(NamedTuple):
         return np.stack([self.left + 0.5 * self.width, y], axis=-1)
 
     def divided(self, count: int) -> Trapezoids:
-        """Divide each trapezoid into ``count`` strips of equal width, of ``count`` pieces each.
+        """Divide each trapezoid into ``count`` strips of equal width with ``count`` pieces each.
 
         The result has count^2 n trapezoids; the index of the original trapezoid varies fastest.
         """
         step = np.arange(count + 1) / count
         u, v = step[:, None, None], step[:-1, None]
         height = self.height_left + u * (self.height_right - self.height_left)
-        # Axes: strip, piece, trapezoid.
+        # The axes of the following arrays are strip, piece and trapezoid.
         low = self.low_left + u * (self.low_right - self.low_left) + v * height
         left, part = self.left + u[:-1] * self.width, height / count
         parts = left, self.width / count, part[:-1], part[1:], low[:-1], low[1:]
@@ -174,8 +182,7 @@ def trapezoids(rings: Sequence[NDArray[np.float64]]) -> Trapezoids:
     The even-odd rule applies, so the orientation of rings does not matter. Trapezoids of less than
     1e-12 of the total area are dropped.
     """
-    start = np.concatenate(rings)
-    end = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
+    start, end = edges_of_rings(rings)
     rightwards = start[:, :1] <= end[:, :1]
     start, end = np.where(rightwards, start, end), np.where(rightwards, end, start)
     cuts = np.unique([*start[:, 0], *end[:, 0]])
@@ -191,8 +198,8 @@ def _slab(
 ) -> NDArray[np.float64]:
     """Return the trapezoids (k, 6) between two vertical lines, from bottom to top.
 
-    ``start`` and ``end`` (n, 2): left and right ends of all edges, none of which ends between the
-    lines x = ``left`` and x = ``right``. The columns are the fields of :class:`Trapezoids`.
+    ``start`` and ``end`` (n, 2): left and right ends of all edges. No end lies between the lines x
+    = ``left`` and x = ``right``. The columns are the fields of :class:`Trapezoids`.
     """
     across = (start[:, 0] <= left) & (end[:, 0] >= right)
     a, b = start[across], end[across]
@@ -213,7 +220,8 @@ def point_in_trapezoid(ops: Any, row: Sequence[Any], u: Any, v: Any) -> tuple[An
     row. ``ops``: namespace of operations for the type of the numbers.
     """
     left, width, height_left, height_right, low_left, low_right = row
-    # Solves (h0 t + (h1 - h0) t^2 / 2) = u (h0 + h1) / 2 for t without cancellation.
+    # The fraction t of the width solves h0 t + (h1 - h0) t^2 / 2 = u (h0 + h1) / 2; this form of
+    # the solution has no cancellation.
     root = ops.sqrt((1.0 - u) * height_left * height_left + u * height_right * height_right)
     below = height_left + root
     t = u * (height_left + height_right) / ops.select(below > _TINY, below, _TINY)

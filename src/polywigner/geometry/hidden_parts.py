@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from shapely.errors import GEOSException
 from shapely.geometry.base import BaseGeometry
 
-from polywigner.errors import ArgumentError
+from polywigner.geometry.arguments import check_most
 from polywigner.numerics import Floats, Indices
 
 Shapes = NDArray[np.object_]
@@ -86,12 +86,8 @@ def in_perspective(corners: Floats, frame: Floats, distance: float, size: float)
     return Projected(points, distance * (1 - scale), size, z / distance)
 
 
-def _too_many_overlaps(triangles: int) -> ArgumentError:
-    """Return the error for bodies with too many triangles that hide each other."""
-    return ArgumentError(
-        f"too many of the {triangles} triangles of the bodies overlap in projection; remove "
-        "hidden surfaces, or simplify the mesh"
-    )
+# Advice for bodies with too many triangles that hide each other.
+_SIMPLER = "remove hidden surfaces, or simplify the mesh"
 
 
 def _overlapping_pairs(projected: Projected, polygons: Shapes) -> tuple[Indices, Indices]:
@@ -108,8 +104,7 @@ def _overlapping_pairs(projected: Projected, polygons: Shapes) -> tuple[Indices,
         apart = _are_separated(projected, one, other) | _are_separated(projected, other, one)
         pairs.append(np.stack([one[~apart], other[~apart]]))
         total += pairs[-1].shape[1]
-        if total > _MOST_PAIRS:
-            raise _too_many_overlaps(len(polygons))
+        check_most(total, _MOST_PAIRS, "pairs of triangles that overlap in projection", _SIMPLER)
     one, other = np.concatenate(pairs, axis=1)
     return one, other
 
@@ -136,8 +131,8 @@ def _nearer_parts(projected: Projected, hidden: Indices, before: Indices) -> tup
     """Return the parts of triangles that lie in front of the planes of other triangles.
 
     ``hidden`` and ``before``: indices (m,) of pairs of triangles that overlap in projection.
-    Returns the index of the hidden triangle and the part of the other triangle in front of its
-    plane, for each pair with such a part.
+    Returns the index of the hidden triangle, and the part of the other triangle in front of the
+    plane of the hidden triangle. Pairs without such a part are omitted.
     """
     slopes = projected.slopes
     offset = projected.points[before] - projected.points[hidden, :1]
@@ -158,8 +153,8 @@ def _nearer_parts(projected: Projected, hidden: Indices, before: Indices) -> tup
 def _clipped_where_positive(points: Floats, values: Floats) -> Shapes:
     """Return the parts of triangles (n, 3, 2) in which linear functions are positive.
 
-    ``values`` (n, 3): values of the function of each triangle at its corners, of which at least one
-    is positive.
+    ``values`` (n, 3): values of each triangle's function at its corners. At least one value per
+    triangle is positive.
     """
     following, following_values = np.roll(points, -1, axis=1), np.roll(values, -1, axis=1)
     crosses = (values > 0) != (following_values > 0)
@@ -195,8 +190,8 @@ def visible_parts(
     """
     one, other = _overlapping_pairs(projected, polygons if boxes is None else boxes)
     hidden, before = np.concatenate([one, other]), np.concatenate([other, one])
-    if float((np.bincount(hidden).astype(np.float64) ** 2).sum()) > _MOST_CROSSINGS:
-        raise _too_many_overlaps(len(polygons))
+    crossings = float((np.bincount(hidden).astype(np.float64) ** 2).sum())
+    check_most(crossings, _MOST_CROSSINGS, "crossings of edges in projection", _SIMPLER)
     hidden, shadows = _nearer_parts(projected, hidden, before)
     if not len(hidden):
         return hidden, shadows
@@ -214,12 +209,20 @@ def in_triangles(shapes: Shapes, points: Floats, ranges: Floats) -> Shapes:
     The new coordinates are the weights of the second and third corners in space, not in projection.
     ``points``: corners (m, 3, 2) of the triangles. ``ranges`` (m, 3): see :class:`Projected`.
     """
-    inverse = np.linalg.inv(np.stack([points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]], 2))
     vertices, owner = shapely.get_coordinates(shapes, return_index=True)
-    inside = np.einsum("nij,nj->ni", inverse[owner], vertices - points[owner, 0])
-    weights = np.column_stack([1 - inside.sum(axis=1), inside]) / ranges[owner]
-    inside = weights[:, 1:] / weights.sum(axis=1, keepdims=True)
+    inside = barycentric(points, ranges, owner, vertices)[:, 1:]
     return np.asarray(shapely.set_coordinates(shapes.copy(), inside), dtype=object)
+
+
+def barycentric(points: Floats, ranges: Floats, owner: Indices, at: Floats) -> Floats:
+    """Return barycentric coordinates (m, 3) in space of image points (m, 2) in triangles.
+
+    ``points`` (n, 3, 2) and ``ranges`` (n, 3): see `Projected`. ``owner``: index of the triangle.
+    """
+    inverse = np.linalg.inv(np.stack([points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]], 2))
+    inside = np.einsum("nij,nj->ni", inverse[owner], at - points[owner, 0])
+    weights = np.column_stack([1 - inside.sum(axis=1), inside]) / ranges[owner]
+    return np.asarray(weights / weights.sum(axis=1, keepdims=True))
 
 
 def edges_around(shapes: Shapes) -> tuple[NDArray[np.intp], Floats, Floats]:
@@ -236,8 +239,9 @@ def edges_around(shapes: Shapes) -> tuple[NDArray[np.intp], Floats, Floats]:
     points, of_ring = shapely.get_coordinates(rings, return_index=True)
     within = of_ring[1:] == of_ring[:-1]
     of_edge, begin, end = of_ring[1:][within], points[:-1][within], points[1:][within]
-    # Shapely's orientation test examines one corner, which may be a spike after rounding.
-    # A ring may be far smaller than its distance from the origin.
+    # Orientations are signs of areas, because shapely's orientation test examines one corner, which
+    # may be a spike after rounding. The areas refer to a vertex of each ring, because a ring may be
+    # far smaller than its distance from the origin.
     origin = begin[np.searchsorted(of_edge, of_edge)]
     (x, y), (next_x, next_y) = (begin - origin).T, (end - origin).T
     crosses = x * next_y - y * next_x
@@ -247,8 +251,8 @@ def edges_around(shapes: Shapes) -> tuple[NDArray[np.intp], Floats, Floats]:
     return owner[of_polygon[of_edge]], begin, end
 
 
-# GEOS returns lines and points where polygons touch, does not accept such results as arguments, and
-# may lose a polygon if edges almost coincide.
+# The following functions correct results of GEOS. GEOS returns lines and points where polygons
+# touch, does not accept such results as arguments, and may lose a polygon if edges almost coincide.
 
 # Grid spacing as a fraction of the extent, above rounding errors.
 GRID = 1e-14
@@ -259,7 +263,7 @@ _ROUNDING = 1e-14
 
 
 def intersections(one: Shapes, other: Shapes, grid: float | None = None) -> Shapes:
-    """Return the intersections of pairs of polygons (m,), empty polygons if there are none.
+    """Return the intersection of each pair of polygons (m,), which may be an empty polygon.
 
     ``grid``: spacing of the grid to which vertices are rounded; None for no rounding.
     """
@@ -283,7 +287,7 @@ def differences(one: Shapes, other: Shapes, grid: float | None = None) -> Shapes
 
 
 def unions(polygons: Shapes, numbers: Indices, extent: float) -> Shapes:
-    """Return the union of the polygons (m,) with the same number, for each number, shape (k,).
+    """Return the unions (k,) of polygons (m,) that have the same number.
 
     ``numbers`` (m,) ascend from 0 to k - 1. ``extent``: size of the figure.
     """
@@ -303,11 +307,8 @@ def mended(shapes: Shapes) -> Shapes:
     """Return a copy of shapes (m,); polygons that rounding has made invalid are repaired."""
     bent = ~shapely.is_valid(shapes)
     result, some = shapes.copy(), shapes[bent]
-    methods: tuple[dict[str, Any], ...] = (
-        {"method": "structure", "keep_collapsed": False},
-        {"method": "linework"},
-    )
-    both = [polygonal(shapely.make_valid(some, **how)) for how in methods]
+    valid = shapely.make_valid(some, method="structure", keep_collapsed=False)
+    both = [polygonal(valid), polygonal(shapely.make_valid(some, method="linework"))]
     change = [np.abs(shapely.area(one) - shapely.area(some)) for one in both]
     change = [
         np.where(shapely.is_valid(one), a, np.inf) for one, a in zip(both, change, strict=True)
@@ -325,7 +326,7 @@ def polygonal(shapes: Any) -> Shapes:
     kinds = shapely.GeometryType.POLYGON, shapely.GeometryType.MULTIPOLYGON
     mixed = ~np.isin(shapely.get_type_id(result), kinds) & ~shapely.is_missing(result)
     parts, owner = shapely.get_parts(result[mixed], return_index=True)
-    # Geometry collections may be nested.
+    # Parts are extracted twice, because geometry collections may be nested.
     parts, inner = shapely.get_parts(parts, return_index=True)
     flat = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
     owner, number = np.unique(owner[inner][flat], return_inverse=True)
@@ -344,7 +345,7 @@ def _overlay(
     """
     try:
         return polygonal(operation(one, other, grid_size=grid))
-    # GEOS does not report which pair of polygons fails.
+    # GEOS does not report which pair of polygons fails, so the pairs are computed one by one.
     except GEOSException:
         pairs = zip(mended(one), mended(other), strict=True)
         return polygonal([_retried(partial(operation, *pair), pair, grid) for pair in pairs])

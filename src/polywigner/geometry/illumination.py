@@ -11,11 +11,12 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, IlluminationError
+from polywigner.errors import IlluminationError
 from polywigner.geometry.arguments import (
     Immutable,
     checked_length,
     checked_number,
+    checked_type,
     checked_vectors,
     complex_array,
     finite_array,
@@ -241,17 +242,12 @@ def checked_field(field: Any, dimension: int) -> Illumination | None:
     """
     if field is None:
         return None
-    if not isinstance(field, Illumination):
-        advice = (
-            "pass its .illumination"
-            if isinstance(getattr(field, "illumination", None), Illumination)
-            else "make one with polywigner.Illumination(amplitudes, frequencies) or "
-            "polywigner.steering(...)"
-        )
-        raise ArgumentError(f"expected an Illumination, got {type(field).__name__}; {advice}")
+    advice = "pass its .illumination, or make one with polywigner.Illumination"
+    checked_type(field, "an Illumination", Illumination, advice=advice)
     if field.dimension != dimension:
         raise IlluminationError(
             f"expected an illumination whose frequencies have {dimension} components, got "
             f"{field.dimension}"
         )
-    return field
+    result: Illumination = field
+    return result

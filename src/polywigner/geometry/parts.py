@@ -20,6 +20,7 @@ from polywigner.geometry.rings import (
     Part,
     Ring,
     clean_ring,
+    edges_of_rings,
     extent,
     hull_spans_area,
     orientations,
@@ -76,7 +77,7 @@ def snapped(geometry: BaseGeometry, originals: Ring, distance: float) -> BaseGeo
 
 
 def straightened(geometry: BaseGeometry, distance: float) -> BaseGeometry:
-    """Drop vertices within a distance of the line between their neighbours, if still valid.
+    """Drop vertices within a distance of the line between their neighbours, if the result is valid.
 
     If no vertex can be dropped, the result is the same object.
     """
@@ -166,10 +167,10 @@ def _without_slivers(region: BaseGeometry, points: Ring, grid: float) -> BaseGeo
 
 
 def _welded(polygons: NDArray[np.object_]) -> NDArray[np.object_]:
-    """Return polygons (n,) with nearly equal vertices made equal, and vertices on touched edges.
+    """Return polygons (n,) with nearly equal vertices merged, and vertices added on touched edges.
 
-    Vertices move by at most 64 ulp of the largest of all coordinates. Polygons that this would make
-    invalid stay unchanged.
+    Vertices move by at most 64 ulp of the largest coordinate. Polygons that would become invalid
+    stay unchanged.
     """
     coordinates, owner = shapely.get_coordinates(polygons, return_index=True)
     distance, points = rounding_tolerance(coordinates), shapely.points(coordinates)
@@ -180,7 +181,8 @@ def _welded(polygons: NDArray[np.object_]) -> NDArray[np.object_]:
     number, near = shapely.STRtree(points[kept]).query(
         polygons, predicate="dwithin", distance=distance
     )
-    # GEOS compares each edge with each reference point, so vertices of the polygon are omitted.
+    # GEOS compares each edge with each reference point, so reference points that are vertices of
+    # the polygon are omitted.
     is_vertex = (coordinates == coordinates[target]).all(axis=1)
     present = (owner * len(kept) + which)[is_vertex]
     missing = ~np.isin(number * len(kept) + near, present)
@@ -251,7 +253,7 @@ def part_of_rings(
     reason = shapely.is_valid_reason(polygon_of_part(part))
     if reason == "Valid Geometry":
         return part
-    # Rounding may invalidate a part whose holes touch other rings.
+    # Rounding may make a part invalid if its holes touch other rings.
     exterior, *interiors = _welded(np.array([shapely.Polygon(ring) for ring in part]))
     welded = shapely.Polygon(exterior.exterior, [hole.exterior for hole in interiors])
     if shapely.is_valid(welded):
@@ -357,9 +359,8 @@ def enclosed(rings: Sequence[Ring], winding: str) -> list[shapely.Polygon]:
     ``winding``: "nonzero" or "evenodd". The list is empty if the rings enclose no area.
     """
     # The grid avoids hairline faces along a curve that is traversed twice with different rounding.
-    points = np.concatenate(rings)
-    following = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
-    # One line per ring, because GEOS takes many times as long with one line per edge.
+    points, following = edges_of_rings(rings)
+    # Each ring is one line, because GEOS takes many times as long with one line per edge.
     lines = [shapely.LineString(np.concatenate([ring, ring[:1]])) for ring in rings]
     noded = shapely.union_all(lines, grid_size=grid_size(points))
     faces = polygons_in(shapely.polygonize([noded]))

@@ -17,7 +17,7 @@ from polywigner.geometry.arguments import Immutable, finite_array, frozen, warn_
 from polywigner.geometry.convex import triangulate_part
 from polywigner.geometry.parts import connected, polygons_in
 from polywigner.geometry.rings import rings_of_polygon
-from polywigner.numerics import Indices
+from polywigner.numerics import Indices, index_blocks
 
 # Largest distance of a vertex from the plane of its face, as a fraction of the body's diameter;
 # coordinates with ten digits are accurate enough.
@@ -134,11 +134,10 @@ def _largest_distance(points: Vertices) -> float:
     radii = np.linalg.norm(offsets, axis=1)
     farthest = offsets[int(radii.argmax())]
     largest = float(np.linalg.norm(offsets - farthest, axis=1).max())
-    # A point at radius r is at most r + max(radii) from any other point.
+    # A point at radius r is at most r + max(radii) away from any other point.
     ends = offsets[radii >= (1 - _ROUNDING) * (largest - radii.max())]
     squares = (ends**2).sum(axis=1)
-    for k in range(0, len(ends), _ROWS):
-        block = slice(k, k + _ROWS)
+    for block in index_blocks(len(ends), _ROWS):
         squared_distances = squares[block, None] + squares - 2 * ends[block] @ ends.T
         largest = max(largest, float(np.sqrt(squared_distances.max())))
     return largest
@@ -171,7 +170,7 @@ def _checked_faces(faces: Any, count: int) -> tuple[tuple[int, ...], ...]:
 def _check_closed(faces: Sequence[tuple[int, ...]]) -> None:
     """Raise GeometryError unless each directed edge occurs as often as its reverse.
 
-    Faces that occur repeatedly, with any first vertex, raise it too.
+    Faces that occur repeatedly, with any first vertex, also raise this error.
     """
     starts = [face.index(min(face)) for face in faces]
     canonical = Counter(f[k:] + f[:k] for f, k in zip(faces, starts, strict=True))
@@ -254,6 +253,12 @@ def normals_of(corners: Vertices) -> Vertices:
     return np.cross(relative[:, :-1], relative[:, 1:]).sum(axis=1)
 
 
+def axes_across(direction: Vertices) -> Vertices:
+    """Return the image axes (..., 2, 3) seen along ``direction``, perpendicular unit vectors."""
+    first = _unit(np.cross(direction, np.eye(3)[np.abs(direction).argmin(axis=-1)]))
+    return np.stack([first, np.cross(first, direction)], axis=-2)
+
+
 def heights_of(points: Vertices, faces: Sequence[Sequence[int]]) -> Vertices:
     """Return the largest distance (f,) of each face's vertices from the plane of the face.
 
@@ -326,8 +331,7 @@ def _triangles_of(points: Vertices, face: Indices, number: int) -> Indices:
     """
     corners = points[face]
     normal = _unit(normals_of(corners[None]))[0]
-    x = _unit(np.cross(normal, np.eye(3)[np.abs(normal).argmin()]))
-    flat = (corners - corners.mean(axis=0)) @ np.stack([x, np.cross(normal, x)], axis=1) + 0.0
+    flat = (corners - corners.mean(axis=0)) @ axes_across(-normal).T + 0.0
     vertex = {corner.tobytes(): int(k) for corner, k in zip(flat, face, strict=True)}
     outline = shapely.Polygon(flat)
     area = float(normals_of(corners[None])[0] @ normal) / 2
@@ -393,7 +397,7 @@ def _lies_inside(inner: Vertices, outer: Vertices) -> bool:
     """Return whether the triangles ``inner`` (m, 3, 3) lie inside the closed surface ``outer``.
 
     The centroids of about 16 of the triangles must all be inside. Centroids on the surface are
-    ignored; if all are on it, the result is False.
+    ignored; if all centroids are on the surface, the result is False.
     """
     centroids = inner[:: max(1, len(inner) // _SAMPLES)].mean(axis=1)
     size = float(np.ptp(outer.reshape(-1, 3), axis=0).max())
@@ -404,8 +408,7 @@ def _lies_inside(inner: Vertices, outer: Vertices) -> bool:
 
 def distances_from(corners: Vertices, points: Vertices) -> Vertices:
     """Return the distance of each point (n, 3) from the nearest of the triangles (m, 3, 3)."""
-    step = max(1, _PAIRS // len(corners))
-    blocks = [points[low : low + step, None] for low in range(0, len(points), step)]
+    blocks = [points[some, None] for some in index_blocks(len(points), _PAIRS // len(corners))]
     return np.concatenate(
         [np.empty(0), *(point_distances(block, corners).min(axis=1) for block in blocks)]
     )
@@ -438,9 +441,7 @@ def windings_about(points: Vertices, corners: Vertices) -> Vertices:
     Strackee, "The solid angle of a plane triangle", 1983.
     """
     windings = np.empty(len(points))
-    step = max(1, _PAIRS // len(corners))
-    for start in range(0, len(points), step):
-        block = slice(start, start + step)
+    for block in index_blocks(len(points), _PAIRS // len(corners)):
         a, b, c = np.moveaxis(corners - points[block, None, None], -2, 0)
         x, y, z = (np.linalg.norm(v, axis=-1) for v in (a, b, c))
         below = x * y * z + np.vecdot(a, b) * z + np.vecdot(b, c) * x + np.vecdot(c, a) * y

@@ -44,9 +44,9 @@ def area2(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]
 
 
 def orientations(a: Ring, b: Ring, c: Ring) -> NDArray[np.int8]:
-    """Return the exact orientation of triangles (a, b, c): +1 for counter-clockwise, -1, or 0.
+    """Return the exact orientation of triangles: 1 counter-clockwise, -1 clockwise, 0 collinear.
 
-    The points have shape (..., 2) and are broadcast against each other.
+    The corners a, b and c have shape (..., 2) and are broadcast against each other.
     """
     a, b, c = np.broadcast_arrays(a, b, c)
     first = (b[..., 0] - a[..., 0]) * (c[..., 1] - a[..., 1])
@@ -87,12 +87,17 @@ def shoelace(rings: Iterable[Ring]) -> Fraction:
     return Fraction(twice) * Fraction(2) ** (2 * exponent - 1)
 
 
+def edges_of_rings(rings: Sequence[Ring]) -> tuple[Ring, Ring]:
+    """Return the start and end points (n, 2) of the edges of all rings."""
+    return np.concatenate(rings), np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
+
+
 def signed_area(ring: Ring) -> float:
     """Return the signed area of one ring, positive if counter-clockwise, with the exact sign."""
     x, y = (ring - ring[0]).T
     first, second = x[:-1] * y[1:], x[1:] * y[:-1]
     area = float((first - second).sum()) / 2
-    # Twice the rounding error of the sum.
+    # The bound is twice the rounding error of the sum.
     error = (len(ring) + 8) * 2.0**-53 * float((np.abs(first) + np.abs(second)).sum())
     return area if abs(area) > error else float(shoelace([ring]))
 
@@ -102,7 +107,7 @@ _ZERO_AREA = 2.0**-50
 
 
 def rounding_tolerance(coordinates: Ring) -> float:
-    """Return 64 ulp of the largest coordinate, above rounding errors of rotations and shifts."""
+    """Return 64 ulp of the largest coordinate, more than rotations and shifts lose by rounding."""
     return float(2.0**-46 * np.abs(coordinates).max())
 
 
@@ -135,7 +140,8 @@ def clean_ring(vertices: Any, name: str = "a ring") -> Ring:
     """
     expected = f"expected {name} to be real numbers of shape (n, 2), without z"
     ring = finite_array(vertices, expected, (None, 2), error=GeometryError)
-    # GEOS does not terminate for 5e-324. Without -0.0, equal rings have equal bytes.
+    # Subnormal numbers become 0.0, because GEOS does not terminate for 5e-324. Without -0.0, equal
+    # rings have equal bytes.
     ring[np.abs(ring) < np.finfo(np.float64).tiny] = 0.0
     count = len(np.unique(ring, axis=0))
     if count < 3:

@@ -495,14 +495,14 @@ def hexagonal_segments(
     Notes
     -----
     The segments are numbered by columns from the lowest to the highest x, and from the lowest to
-    the highest y within a column. This is the order of ``.segments``, and of the pistons and tilts
-    of :func:`polywigner.segmented_pupil`.
+    the highest y within a column. This numbering is the order of ``.segments``, and of the pistons
+    and tilts of :func:`polywigner.segmented_pupil`.
     """
     flat, space = _length(flat_to_flat, "flat_to_flat"), _length(gap, "gap", zero=True)
     has_centre = checked_flag(centre, "centre")
     cells = _hexagon_centres(_count(rings, "rings", 0 if has_centre else 1), has_centre)
     corners = np.array([(2, 0), (1, 1), (-1, 1), (-2, 0), (-1, -1), (1, -1)], dtype=np.float64)
-    # Units of the corner coordinates: half a side along x, half the height along y.
+    # Units of the corner coordinates: half a side along x, and half the height along y.
     unit = np.array([flat / math.sqrt(12.0), flat / 2])
     extra = np.array([space / math.sqrt(12.0), space / 2])
     centres = np.array([(3 * q, m) for q, m in cells], dtype=np.float64)

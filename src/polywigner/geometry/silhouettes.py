@@ -18,15 +18,17 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.aperture import PlacedAperture, triangulate
+from polywigner.geometry.arguments import checked_type
 from polywigner.geometry.contours import Silhouette, Surface, net_contours
 from polywigner.geometry.parts import connected
 from polywigner.geometry.polyhedron import (
     Polyhedron,
     distances_from,
+    normals_of,
     point_distances,
     windings_about,
 )
-from polywigner.numerics import Floats, Indices
+from polywigner.numerics import Floats, Indices, index_blocks
 
 # Distance from an edge or a plane that counts as zero, as a fraction of the size of a body.
 ON = 1e-9
@@ -39,10 +41,11 @@ PAIRS, _PAIRS_OF_TRIANGLES = 1 << 20, 1 << 14
 _MOST_FACES = 1 << 15
 # Margin added to the half-angle of cones around bodies [rad], larger than rounding errors.
 _WIDER = 1e-6
-# Winding number above which a point counts as inside a body; it is 1 apart from rounding errors.
+# Winding number above which a point counts as inside a body; inside, it is 1 apart from rounding
+# errors.
 _IN = 0.9975
-# Largest distance between bodies that count as in contact: in wavelengths, because a narrower slit
-# transmits no field; and as a fraction of the extent, for float32 coordinates.
+# Largest distances between bodies that count as in contact: one in wavelengths, because a narrower
+# slit transmits no field, and one as a fraction of the extent, for float32 coordinates.
 _CLOSED, _ROUNDED = 0.05, 1e-6
 # Largest difference between the unit normals of faces that count as lying in one plane.
 _SKEW = 1e-5
@@ -73,14 +76,14 @@ class Obstacle:
     def heights(self, source: Floats) -> Floats:
         """Return the signed distances (t,) of a source point (3,) from the planes of the triangles.
 
-        They are positive for a source in front of a triangle.
+        The distance is positive if the source is in front of the triangle.
         """
         normals = self.normals / np.linalg.norm(self.normals, axis=1)[:, None]
         first = self.vertices[self.triangles[:, 0]]
         return np.asarray(np.einsum("tk,tk->t", normals[self.owner], source - first))
 
     def facing(self, source: Floats) -> Floats:
-        """Return 1 for triangles that face a source, -1 if a plate's back faces it, otherwise 0.
+        """Return 1 for triangles that face a source, -1 for plates seen from behind, otherwise 0.
 
         ``source``: source point (3,). The result has the shape (t,).
         """
@@ -89,7 +92,7 @@ class Obstacle:
 
     @property
     def rim(self) -> Floats | None:
-        """Ends (m, 2, 3), in any order, of edges of only one triangle; None for closed meshes."""
+        """Ends (m, 2, 3) of the edges that belong to only one triangle; None for closed meshes."""
         ends = np.stack([self.triangles, np.roll(self.triangles, -1, axis=1)], axis=2)
         keys, times = np.unique(np.sort(ends.reshape(-1, 2), axis=1), axis=0, return_counts=True)
         return self.vertices[keys[times == 1]] if (times == 1).any() else None
@@ -137,8 +140,8 @@ class Obstacle:
         """Return the segments (k, 2, 2) in which the surface meets a plane.
 
         The plane contains ``origin`` (3,) and the orthonormal vectors ``along`` (2, 3). The
-        segments are in coordinates along these vectors. A plate in the plane has its boundary as
-        segments.
+        segments are in coordinates along these vectors. For a plate in the plane, the segments are
+        its boundary.
         """
         normal = np.cross(*along)
         height = (self.vertices - origin) @ normal
@@ -165,31 +168,36 @@ def obstacle_of(body: Polyhedron | PlacedAperture) -> Obstacle:
         return Obstacle(vertices, corners_of, owner, body.normal[None], False, True)
     points, triangles = body.vertices, body.triangles
     owner = np.repeat(np.arange(len(body.faces)), [len(face) - 2 for face in body.faces])
-    corners = points[triangles]
-    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals = np.zeros((len(body.faces), 3))
-    np.add.at(normals, owner, areas)
+    np.add.at(normals, owner, normals_of(points[triangles]))
     simple = is_convex(points, triangles, normals[owner])
     return Obstacle(points, triangles, owner, normals, True, simple)
 
 
 def shells(body: Obstacle) -> list[Obstacle]:
     """Split a body into surfaces without common vertices; a plate stays one obstacle."""
-    a, b, c = body.triangles.T
-    label = connected(len(body.vertices), np.append(a, a), np.append(b, c))
-    numbers = np.unique(label[a])
-    if not body.is_solid or len(numbers) == 1:
+    parts = connected_parts(body.vertices, body.triangles)
+    if not body.is_solid or len(parts) == 1:
         return [body]
     bodies = []
-    for number in numbers:
-        rows = label[a] == number
-        used, corners = np.unique(body.triangles[rows], return_inverse=True)
+    for points, triangles, rows in parts:
         faces, owner = np.unique(body.owner[rows], return_inverse=True)
-        points, normals = body.vertices[used], body.normals[faces]
-        triangles = corners.reshape(-1, 3)
+        normals = body.normals[faces]
         simple = is_convex(points, triangles, normals[owner.ravel()])
         bodies.append(Obstacle(points, triangles, owner.ravel(), normals, True, simple))
     return bodies
+
+
+def connected_parts(points: Floats, triangles: Indices) -> list[tuple[Floats, Indices, Indices]]:
+    """Return the vertices, triangles and triangle numbers (t,) of each connected part of a mesh."""
+    a, b, c = triangles.T
+    label = connected(len(points), np.append(a, a), np.append(b, c))[a]
+    order = np.argsort(label, kind="stable")
+    parts = []
+    for rows in np.split(order, np.flatnonzero(np.diff(label[order])) + 1) if len(order) else []:
+        used, corners = np.unique(triangles[rows], return_inverse=True)
+        parts.append((points[used], corners.reshape(-1, 3), rows))
+    return parts
 
 
 def is_convex(points: Floats, triangles: Indices, normals: Floats, error: float = ON) -> bool:
@@ -226,25 +234,21 @@ def bodies_if_any(bodies: Any) -> tuple[Polyhedron | PlacedAperture, ...]:
 
 
 def listed_bodies(bodies: Any) -> tuple[Polyhedron | PlacedAperture, ...]:
-    """Return one obstacle, or a list of them, as a tuple.
+    """Return a body or plate, or a list of them, as a tuple.
 
     Raises ArgumentError for other objects and for an empty list.
     """
     listed = tuple(bodies) if isinstance(bodies, (list, tuple)) else (bodies,)
     if not listed:
-        raise ArgumentError(
-            "expected at least one obstacle, got an empty list; omit the argument obstacles"
-        )
+        raise ArgumentError("expected at least one body or plate, got an empty list")
     for body in listed:
-        if not isinstance(body, (Polyhedron, PlacedAperture)):
-            raise ArgumentError(
-                "expected obstacles to be Polyhedra and placed apertures, got "
-                f"{type(body).__name__}; call the method `placed` of an Aperture"
-            )
+        expected = "bodies and plates to be Polyhedra and placed apertures"
+        advice = "call the method `placed` of an Aperture"
+        checked_type(body, expected, Polyhedron, PlacedAperture, advice=advice)
         if isinstance(body, PlacedAperture) and body.aperture.illumination is not None:
             raise ArgumentError(
-                "expected obstacles without illuminations, got an aperture with an "
-                "illumination; pass only its outline"
+                "expected plates without illuminations, got an aperture with an illumination; "
+                "pass only its outline"
             )
     return listed
 
@@ -364,7 +368,7 @@ class Obstacles:
 
     @cached_property
     def groups(self) -> Indices:
-        """Smallest index of the bodies in the group of each body, connected by contacts, (k,)."""
+        """Smallest index of the bodies that contacts connect to each body, shape (k,)."""
         return connected(len(self.bodies), *self.contacts.T)
 
     @cached_property
@@ -408,7 +412,7 @@ class Obstacles:
         return np.concatenate(rows)
 
     def flush_with(self, body: int, plane: Floats, planes: Floats) -> Indices:
-        """Return the bodies with a face in a ``plane`` (4,) that chains of contacts join to a body.
+        """Return the bodies with a face in a ``plane`` (4,) that contacts connect to a given body.
 
         ``body``: index of the body, which may be in the result. ``planes`` (f, 4): result of
         :meth:`face_planes`. A body without contacts is returned even if it has no such face.
@@ -508,24 +512,32 @@ def _cone(points: Floats) -> tuple[Floats, float]:
 def hits(corners: Floats, rays: Floats) -> Iterator[tuple[slice, Floats, Floats]]:
     """Intersect rays (k, 3) from the origin with triangles (t, 3, 3), in blocks of rays.
 
-    Yields slices of the rays; intersections (k, t) as positive fractions of the ray lengths, which
-    may exceed 1 and are infinite if a ray misses a triangle; and the unsigned distances (t,) of the
-    origin from the planes of the triangles.
+    Yields slices of the rays, intersections (k, t), and the unsigned distances (t,) of the origin
+    from the planes of the triangles. Intersections are positive fractions of the ray lengths, which
+    may exceed 1 and are infinite if a ray misses a triangle.
     """
-    a, b, c = np.moveaxis(corners, 1, 0)
-    sides = [np.cross(b, c), np.cross(c, a), np.cross(a, b)]
-    volume = np.einsum("tk,tk->t", a, sides[0])
-    height = np.abs(volume) / np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    step = max(1, PAIRS // len(corners))
-    for start in range(0, len(rays), step):
-        some = slice(start, start + step)
+    *sides, heights = np.split(pyramids(corners), [3, 6, 9], axis=1)
+    height = heights[:, 0]
+    for some in index_blocks(len(rays), PAIRS // len(corners)):
         products = np.stack([rays[some] @ side.T for side in sides])
         total = products.sum(axis=0)
         sign = np.sign(total)
         with np.errstate(divide="ignore", invalid="ignore"):
-            at = volume / total
+            at = height / total
         met = (products * sign >= 0.0).all(axis=0) & (at > 0.0) & (sign != 0.0)
-        yield some, np.where(met, at, np.inf), height
+        yield some, np.where(met, at, np.inf), np.abs(height)
+
+
+def pyramids(corners: Floats) -> Floats:
+    """Return side normals and heights (t, 10) of pyramids from bases (t, 3, 3) to the origin.
+
+    The three normals are divided by twice the area of the base. The height is positive if the
+    base's normal points away from the origin.
+    """
+    a, b, c = np.moveaxis(corners, 1, 0)
+    sides = [np.cross(b, c), np.cross(c, a), np.cross(a, b)]
+    rows = np.column_stack([*sides, np.einsum("tk,tk->t", a, sides[0])])
+    return rows / np.linalg.norm(normals_of(corners), axis=1)[:, None]
 
 
 def contacts(
@@ -554,7 +566,7 @@ def contacts(
 def _overlapping_boxes(boxes: Floats, others: Floats, within: float) -> tuple[Indices, Indices]:
     """Return indices (m,) and (m,) of pairs of boxes, at most ``within`` apart along each axis.
 
-    A box (2, 3) is given by its lower and upper corners; the pairs consist of one of ``boxes``
+    A box (2, 3) is given by its lower and upper corners. Each pair consists of one of ``boxes``
     (n, 2, 3) and one of ``others``.
     """
     low, high = boxes[:, 0] - within, boxes[:, 1] + within
@@ -568,7 +580,7 @@ def _near(one: Floats, other: Floats, within: float) -> Iterator[tuple[Floats, F
     """Yield pairs of triangles whose boxes are at most ``within`` apart.
 
     The pairs consist of a triangle of the mesh ``one`` (t, 3, 3) and a triangle of the mesh
-    ``other``. They are yielded in blocks of two arrays (n, 3, 3).
+    ``other``. The pairs are yielded in blocks of two arrays (n, 3, 3).
     """
     boxes = [np.stack([mesh.min(axis=1), mesh.max(axis=1)], axis=1) for mesh in (one, other)]
     rows = []
@@ -578,8 +590,7 @@ def _near(one: Floats, other: Floats, within: float) -> Iterator[tuple[Floats, F
         low, high = theirs[:, 0].min(axis=0) - within, theirs[:, 1].max(axis=0) + within
         rows.append(np.flatnonzero(((mine[:, 0] <= high) & (mine[:, 1] >= low)).all(axis=1)))
     first, second = _overlapping_boxes(boxes[0][rows[0]], boxes[1][rows[1]], within)
-    for start in range(0, len(first), _PAIRS_OF_TRIANGLES):
-        some = slice(start, start + _PAIRS_OF_TRIANGLES)
+    for some in index_blocks(len(first), _PAIRS_OF_TRIANGLES):
         yield one[rows[0][first[some]]], other[rows[1][second[some]]]
 
 

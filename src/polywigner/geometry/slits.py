@@ -26,8 +26,8 @@ class Slits(TakesWaves):
     Parameters
     ----------
     intervals : array_like, shape (m, 2) or (2,)
-        Start and end of each slit, or of a single slit, in any order. In metres; any other unit
-        works if it is used consistently.
+        Start and end of each slit, or of a single slit, in any order. The numbers are in metres;
+        any other unit works if it is used consistently.
 
     Raises
     ------
@@ -95,7 +95,7 @@ class Slits(TakesWaves):
 
     @property
     def elements_in_plane(self) -> tuple[Slits, ...]:
-        """Tuple of the elements: only the slits themselves; arrays have several elements."""
+        """Tuple with these slits as its only element; arrays have several elements."""
         return (self,)
 
     @cached_property
@@ -129,7 +129,7 @@ class Slits(TakesWaves):
 
 
 def _merged_intervals(intervals: Any) -> NDArray[np.float64]:
-    """Return intervals (m, 2) in ascending order, with starts before ends; merge those that touch.
+    """Sort intervals (m, 2), with the start of each interval first, and merge touching intervals.
 
     Raises GeometryError if an interval has zero width, or intervals overlap.
     """

@@ -122,8 +122,8 @@ class TakesWaves(Immutable):
         Parameters
         ----------
         width : float
-            Coherence width in metres, at which the degree of coherence is exp(-1/2); infinite:
-            fully coherent.
+            Coherence width in metres, at which the degree of coherence is exp(-1/2); inf for full
+            coherence.
 
         Returns
         -------
@@ -149,7 +149,8 @@ class TakesWaves(Immutable):
         least, most = sorted((_checked_width(width, "width"), wave.coherence_width))
         if least == np.inf:
             return wave
-        # Equals 1/sqrt(1/least^2 + 1/most^2), without squares that could overflow.
+        # The new width is 1/sqrt(1/least^2 + 1/most^2), computed without squares that could
+        # overflow.
         return wave._with(coherence_width=least / math.hypot(1.0, least / most))
 
 
@@ -159,7 +160,7 @@ class Wavefront(TakesWaves):
 
     The methods ``curved`` and ``partially_coherent`` of sources make wavefronts. The field of
     ``source`` is multiplied by exp(i pi (x - c)^T Q (x - c)), and the mutual coherence of two
-    points a distance xi apart by exp(-xi^2 / (2 width^2)).
+    points a distance xi apart is multiplied by exp(-xi^2 / (2 width^2)).
 
     Parameters
     ----------
@@ -170,10 +171,10 @@ class Wavefront(TakesWaves):
     centre : array_like, shape (d,), optional
         Point c in metres; by default the origin.
     coherence_width : float, default inf
-        Coherence width in metres; infinite: fully coherent.
+        Coherence width in metres, inf for full coherence.
     wavelength : float, optional
-        Wavelength in metres at which the curvature applies. The curvature is inversely
-        proportional to the wavelength. By default it is the same at all wavelengths.
+        Wavelength in metres at which the curvature applies. The curvature is inversely proportional
+        to the wavelength. By default, the curvature is the same at all wavelengths.
 
     Raises
     ------
@@ -198,7 +199,7 @@ class Wavefront(TakesWaves):
     centre: NDArray[np.float64]
     """Point c in metres, shape (d,), read-only, where a curved wave touches the plane."""
     coherence_width: float
-    """Standard deviation in metres of the degree of coherence versus lag; infinite: coherent."""
+    """Coherence width in m (standard deviation of the degree of coherence), inf if coherent."""
     wavelength: float | None
     """Wavelength in metres at which the curvature holds; None if it holds at all wavelengths."""
 
@@ -229,7 +230,7 @@ class Wavefront(TakesWaves):
         self._set(source=source, curvature=q, centre=c, coherence_width=width, wavelength=length)
 
     def at_wavelength(self, wavelength: float) -> Wavefront:
-        """Return the source at another wavelength in m, with the curvature of its wave there."""
+        """Return the source, with the curvature of its wave, at another wavelength in m."""
         length = checked_wavelength(wavelength)
         source = self.source.at_wavelength(length)
         if self.wavelength in (None, length):
@@ -317,7 +318,7 @@ class Wavefront(TakesWaves):
         The angle is in radians. Raises IlluminationError for slits, and ArgumentError for an array.
         """
         if self.dimension != 2:
-            raise IlluminationError("expected an aperture to rotate, got slits")
+            raise IlluminationError("expected an aperture as the source to rotate, got slits")
         rotation = turned_points(np.eye(2), angle).T
         q = rotation @ self.curvature @ rotation.T
         centre = turned_points(self.centre[None], angle)[0]
@@ -357,8 +358,8 @@ def _curvature_of(
 ) -> NDArray[np.float64]:
     """Return the curvature matrix (d, d) in 1/m^2 for one radius, or one per axis, in m.
 
-    Its diagonal is 1/(wavelength radius), and 0 for infinite radii. Raises ArgumentError for other
-    radii and wavelengths.
+    The diagonal of the matrix is 1/(wavelength radius), and 0 for infinite radii. Raises
+    ArgumentError for other radii and wavelengths.
     """
     length = checked_wavelength(wavelength)
     axes = "a number" if dimension == 1 else "a number or a pair (radius_x, radius_y)"

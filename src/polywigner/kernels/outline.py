@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property, lru_cache
+from operator import mul, sub
 from typing import Any
 
 import numpy as np
@@ -60,17 +61,15 @@ class Frame:
 
     def position(self, ops: Any, *x: Any) -> tuple[Any, ...]:
         """Return the coordinates of a point of the aperture plane in the frame."""
-        pairs = zip(x, self.centre, strict=True)
-        if self.is_diagonal:
-            return self.vector(ops, *(p - c for p, c in pairs))
         # For a long, narrow outline, the products in ``vector`` cancel almost completely, so
         # rounding errors of the differences matter.
-        return self.vector(ops, *(phases.difference(p, c) for p, c in pairs))
+        subtract: Any = sub if self.is_diagonal else phases.difference
+        return self.vector(ops, *map(subtract, x, self.centre))
 
     @cached_property
     def is_diagonal(self) -> bool:
         """Whether the axes of the frame are parallel to the user's axes."""
-        return _is_diagonal(self.matrix)
+        return _diagonal(self.matrix) is not None
 
     def grid_step(self, double: bool) -> float:
         """Return the grid spacing of vertices and offsets in the frame, a power of two.
@@ -93,8 +92,9 @@ class Frame:
 
     def detuned(self, ops: Any, *nu: Any) -> tuple[Any, ...]:
         """Return the components of a spatial frequency minus the carrier frequency in the frame."""
-        pairs = zip(nu, self.carrier, strict=True)
-        return self.frequency(ops, *(n - c if c else n for n, c in pairs))
+        if any(self.carrier):
+            nu = tuple(n - c if c else n for n, c in zip(nu, self.carrier, strict=True))
+        return self.frequency(ops, *nu)
 
     def exact_frequency(self, *nu: float) -> tuple[float, ...]:
         """Return the correctly rounded components of a constant frequency in the frame."""
@@ -119,8 +119,9 @@ def matrix_times(ops: Any, matrix: Matrix, *nu: Any) -> tuple[Any, ...]:
 
     If the matrix is not diagonal, its entries and the components of the frequency may be `Doubled`.
     """
-    if _is_diagonal(matrix):
-        return tuple(n * row[k] for k, (n, row) in enumerate(zip(nu, matrix, strict=True)))
+    diagonal = _diagonal(matrix)
+    if diagonal is not None:
+        return tuple(map(mul, nu, diagonal))
     return tuple(total + low for total, low in (phases.dot(ops, nu, row) for row in matrix))
 
 
@@ -130,8 +131,9 @@ def vertices_for(matrix: Matrix, centre: Sequence[float], points: Floats) -> Flo
     ``matrix`` converts frequencies to the frame. The product (matrix nu).x', where x' are the
     returned coordinates, equals nu.(x - centre) for each frequency nu and point x.
     """
-    if _is_diagonal(matrix):
-        return (points - np.asarray(centre)) / np.diag(np.asarray(matrix))
+    diagonal = _diagonal(matrix)
+    if diagonal is not None:
+        return (points - np.asarray(centre)) / np.asarray(diagonal)
     points, exponent = whole_numbers(np.vstack([np.asarray(centre, np.float64), points]))
     rows, row_exponent = whole_numbers(np.asarray(matrix, np.float64))
     cofactors, divisor = _cofactors(rows.tolist()), determinant(rows.tolist())
@@ -167,10 +169,12 @@ def determinant(matrix: Sequence[Sequence[Any]]) -> Any:
 
 
 @lru_cache(maxsize=256)
-def _is_diagonal(matrix: Matrix) -> bool:
-    """Return whether all entries off the diagonal are the constant 0.0."""
+def _diagonal(matrix: Matrix) -> tuple[Any, ...] | None:
+    """Return the diagonal if all entries off the diagonal are the constant 0.0, otherwise None."""
     others = (value for i, row in enumerate(matrix) for j, value in enumerate(row) if i != j)
-    return all(isinstance(value, float) and value == 0.0 for value in others)
+    if all(isinstance(value, float) and value == 0.0 for value in others):
+        return tuple(row[k] for k, row in enumerate(matrix))
+    return None
 
 
 def frame_of(points: Floats) -> Frame:

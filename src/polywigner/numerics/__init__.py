@@ -14,7 +14,9 @@ module               content
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from collections.abc import Sequence
+from dataclasses import fields
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +39,12 @@ def cluster_indices(values: Floats, tolerance: float) -> Indices:
     return np.unique(labels, axis=0, return_inverse=True)[1].ravel()
 
 
+def index_blocks(count: int, size: float) -> list[slice]:
+    """Divide the indices from 0 to ``count`` - 1 into slices of ``size`` (at least 1) indices."""
+    step = max(1, int(size))
+    return [slice(start, min(start + step, count)) for start in range(0, count, step)]
+
+
 def blocks_by_size(sizes: NDArray[np.integer[Any]], limit: int) -> list[Indices]:
     """Divide the indices of items into consecutive blocks whose sizes add up to about ``limit``.
 
@@ -51,6 +59,21 @@ def sums_by_index(index: Indices, values: Complex, count: int) -> Complex:
     """Return the sums (count,) of complex values (n,) that have the same index."""
     real, imag = (np.bincount(index, part, count) for part in (values.real, values.imag))
     return np.asarray(real + 1j * imag)
+
+
+class Columns:
+    """Base class of dataclasses whose fields are arrays with one row per item."""
+
+    @classmethod
+    def of(cls, parts: Sequence[Self]) -> Self:
+        """Concatenate the rows of several objects."""
+        names = [item.name for item in fields(cls)]  # type: ignore[arg-type]
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+    def subset(self, rows: NDArray[np.bool_] | Indices | slice) -> Self:
+        """Return the rows selected by a mask, by indices or by a slice."""
+        arrays = (getattr(self, item.name) for item in fields(self))  # type: ignore[arg-type]
+        return type(self)(*(array[rows] for array in arrays))
 
 
 class Mask(Protocol):

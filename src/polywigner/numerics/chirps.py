@@ -9,7 +9,7 @@ Q, with the curvatures q1 and q2, Green's theorem gives
 
 where q1 is the larger curvature and G(x) is the integral of exp(i pi q1 t^2 - 2 pi i nu_x t) from 0
 to x. The integrand is an entire function, so Gauss rules converge as soon as they resolve its
-oscillations. Source: (Q5) of docs/curved.md, (O6).
+oscillations. Source: equations (Q5) of docs/curved.md and (O6) of docs/first_order.md.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.numerics import Complex, Floats
+from polywigner.numerics import Complex, Floats, index_blocks
 from polywigner.numerics.nodes import gauss_rules
 
 _TERMS = 12
@@ -128,7 +128,7 @@ _CYCLES = 200.0
 # Only every fourth Gauss rule is used, so there are two rules for each doubling of the number of
 # nodes.
 _STRIDE = 4
-# Quadrature nodes per block, and (point, edge) pairs per block. A block fits into the cache of a
+# Numbers of quadrature nodes and of (point, edge) pairs per block. A block fits into the cache of a
 # core.
 _BLOCK, _PAIRS = 1 << 13, 1 << 16
 # Number of quadrature nodes below which a batch is combined with the batch of the next larger rule.
@@ -158,8 +158,7 @@ def chirp_over_rings(rings: tuple[Floats, ...], q: Floats, nu: Floats) -> Comple
     edge = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings]) - begin
     rises = edge[:, 1] != 0
     begin, edge = begin[rises], edge[rises]
-    step = max(1, _PAIRS // len(edge))
-    blocks = [slice(k, k + step) for k in range(0, len(nu), step)]
+    blocks = index_blocks(len(nu), _PAIRS // len(edge))
     return np.concatenate([_over_edges(begin, edge, q[block], nu[block]) for block in blocks])
 
 
@@ -180,12 +179,11 @@ def _over_edges(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Complex:
     values = np.zeros(len(nu), np.complex128)
     for rule, members in _batches(rules):
         at, weights = gauss_rules()[rule].T[:2]
-        step = max(1, _BLOCK // len(at))
-        for block in (members[k : k + step] for k in range(0, len(members), step)):
+        for some in index_blocks(len(members), _BLOCK // len(at)):
+            block = members[some]
             owners = points[block]
             integrand = _integrand(start[block], extent[block], at, q[owners], nu[owners])
-            # BLAS would start threads for a matrix product. Starting threads takes longer than the
-            # product.
+            # For a matrix product, BLAS would start threads, which takes longer than the product.
             total = np.einsum("kn,n->k", integrand, weights)
             np.add.at(values, owners, total * (0.5 * extent[block, 1]))
     return values
@@ -200,7 +198,7 @@ def _edge_cycles(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Floats:
     for end in (begin, begin + edge):
         first, second = ((q[:, None, k] * end[:, k] - nu[:, None, k]) * edge[:, k] for k in (0, 1))
         most = np.maximum(most, np.maximum(abs(first + second), abs(second)))
-    # Infinite and NaN bounds belong to points whose result is NaN.
+    # Infinite and NaN bounds are ignored, because the results at their points are NaN.
     most = np.where(np.isfinite(most), most, 0.0)
     if (most > _MOST_CYCLES).any():
         raise ArgumentError(
@@ -221,7 +219,7 @@ def _rule_indices(cycles: Floats) -> NDArray[np.intp]:
 def _batches(rules: NDArray[np.intp]) -> Iterator[tuple[int, NDArray[np.intp]]]:
     """Yield the index of a rule and the indices of the pieces that it integrates.
 
-    Small groups of pieces use the next larger rule of the others.
+    Small groups of pieces are combined with the group of the next larger rule.
     """
     present = np.unique(rules).tolist()
     members = np.zeros(0, np.intp)

@@ -16,7 +16,7 @@ import shapely
 
 from polywigner.numerics import Floats
 
-# 2^27 + 1, which splits a 53-bit number into two halves (Veltkamp).
+# The number 2^27 + 1, which splits a 53-bit number into two halves (Veltkamp's method).
 _SPLIT = 134217729.0
 
 
@@ -97,9 +97,9 @@ def _is_between(a: Floats, b: Floats, c: Floats) -> bool:
 def signed_convex_pieces(pieces: Sequence[Floats]) -> list[tuple[Floats, float]]:
     """Return convex pieces with vertices on a grid, and weights of 1 or -1.
 
-    Their weighted sum equals the union of ``pieces``. Rounding may make a piece non-convex, or
-    reverse the orientation of a narrow piece. Such a piece is divided into triangles, whose
-    contributions along common sides cancel exactly.
+    The weighted sum of the new pieces equals the union of ``pieces``. Rounding may make a piece
+    non-convex, or reverse the orientation of a narrow piece. Such a piece is divided into
+    triangles, whose contributions along common sides cancel exactly.
     """
     result: list[tuple[Floats, float]] = []
     for piece in pieces:

@@ -95,7 +95,7 @@ class JetOperations:
         self._ops, self.double = ops, ops.double
 
     def variables(self, values: Sequence[Any]) -> tuple[Jet, ...]:
-        """Return numbers as jets that are the variables, with the unit vectors as derivatives."""
+        """Return numbers as independent variables: jets with unit vectors as derivatives."""
         count = range(len(values))
         return tuple(
             Jet(self._ops, value, tuple(0.0 * value + float(m == n) for m in count))
@@ -160,7 +160,7 @@ def flattened(numbers: Iterable[Any]) -> list[Any]:
 
 
 def rebuilt(like: Iterable[Any], parts: Iterable[Any]) -> list[Any]:
-    """Return jets and numbers with the structure of ``like``. Inverse of :func:`flattened`."""
+    """Return jets and numbers with the structure of ``like``; the inverse of :func:`flattened`."""
     remaining = iter(parts)
     return [
         Jet(number.ops, next(remaining), tuple(next(remaining) for _ in number.derivatives))

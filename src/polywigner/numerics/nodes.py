@@ -4,8 +4,8 @@ An integrand on [-1, 1] that is bounded by M inside the ellipse with the foci -1
 half-axes cosh u and sinh u has Legendre coefficients c_n of about M exp(-n u). The error of the
 rule with n nodes is about M exp(-2 n u). For a wave whose phase changes by w radians over half of
 the interval, M is exp(w sinh u). These formulas define the number of nodes. The error is then
-estimated as c_n^2/M from the values at the nodes, (B5). Triangles and trapezoids are bilinear
-images of the unit square, called cells, with products of two Gauss rules.
+estimated as c_n^2/M from the values at the nodes, equation (B5). Triangles and trapezoids are
+bilinear images of the unit square, called cells, with products of two Gauss rules.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ _SIZES = tuple(
     math.ceil(_SMALLEST * 2 ** (k / _STEPS))
     for k in range(math.ceil(_STEPS * math.log2(_LARGEST / _SMALLEST)) + 1)
 )
-# Parameters u of the ellipses of the error bound. The smallest ellipse passes through i. If a
-# singularity lies inside this ellipse, the bound uses _CHORD and _GROWTH.
+# Parameters u of the ellipses of the error bound. The smallest ellipse passes through the imaginary
+# unit i. If a singularity lies inside this ellipse, the bound uses _CHORD and _GROWTH.
 _ELLIPSES = (math.asinh(1.0), 1.2, 1.6, 2.1, 2.8)
-# u >= 0.88 sinh u and sinh u <= 1.135 u for sinh u up to 1.
+# Bounds for sinh u up to 1: u >= 0.88 sinh u, and sinh u <= 1.135 u.
 _CHORD, _GROWTH = 0.88, 1.135
 # Safety factor of the error estimate. With this factor, the estimate exceeded the error on all of
 # 270,000 panels, at distances from 1e-4 to 100 wavelengths and tolerances from 0.1 to 1e-9. Without
 # the factor, a few of 10,000 errors were larger than estimated.
 _SAFETY = 8.0
-# Ratio of the last Legendre coefficients (squared) to their expected size above which the bound M
-# is not used.
+# Largest ratio of the squares of the last Legendre coefficients to their expected size for which
+# the bound M is used.
 _SURPRISE = 1e3
 SUMS = 7
 
@@ -85,7 +85,7 @@ def nodes_needed(ops: Any, digits: Any, gap: Any, radians: Any) -> tuple[Any, tu
     Parameters
     ----------
     digits : array
-        Minus the natural logarithm of the allowed relative error.
+        Negative natural logarithm of the allowed relative error.
     gap : array
         Distance of the singularities from the interval, in half-lengths of the interval.
     radians : array
@@ -127,9 +127,9 @@ def rule_index(ops: Any, needed: Any) -> Number:
 def node_sums(real: Any, imag: Any, weight: Any, last: Any, second: Any) -> tuple[Any, ...]:
     """Return the contributions of a quadrature node to an integral and to its error estimate.
 
-    ``real`` and ``imag`` are the integrand at the node, and ``weight``, ``last`` and ``second`` the
-    weights in a row of `Rules`. The contributions are those to the complex integral, the integral
-    of the modulus, and the last two complex Legendre coefficients.
+    ``real`` and ``imag`` are the parts of the integrand at the node. ``weight``, ``last`` and
+    ``second`` are the weights in a row of `Rules`. The results are contributions to the complex
+    integral, to the integral of the modulus, and to the last two complex Legendre coefficients.
     """
     size = weight * (abs(real) + abs(imag))
     return (
@@ -247,8 +247,9 @@ Triangles = NDArray[np.float64]
 Cells = NDArray[np.float64]
 """Corners of n cells, shape (n, 4, 2), at (u, v) = (0, 0), (1, 0), (0, 1) and (1, 1)."""
 
-# Quadrature nodes along a side per phase cycle of the field. W oscillates at twice the frequency of
-# the field, and Gauss rules converge with more than pi/2 nodes per cycle of the integrand.
+# Number of quadrature nodes along a side per phase cycle of the field. W oscillates at twice the
+# frequency of the field, and Gauss rules converge with more than pi/2 nodes per cycle of the
+# integrand.
 NODES_PER_CYCLE = 3.5
 # Largest number of quadrature nodes along a side. :func:`counts_for_cycles` returns a larger number
 # if more nodes are necessary.
@@ -262,7 +263,7 @@ def areas(triangles: Triangles) -> Floats:
 
 
 def cells_of(triangles: Triangles) -> Cells:
-    """Return triangles as cells. Both corners at u = 0 coincide, opposite the shortest side."""
+    """Return triangles as cells, whose corners at u = 0 coincide opposite the shortest side."""
     order = (_side_lengths(triangles).argmin(axis=1)[:, None] + np.array([0, 1, 0, 2])) % 3
     return np.take_along_axis(triangles, order[:, :, None], axis=1)
 
@@ -345,7 +346,7 @@ def node_count(triangles: Triangles, rate: float, extra: float) -> float:
 def spacings(triangles: Triangles, rate: float, extra: float) -> Floats:
     """Return the mean distance of adjacent nodes of :func:`gauss_rule` in each triangle.
 
-    It is the larger distance along the longest and the shortest side.
+    The result is the larger of the distances along the longest and the shortest side.
     """
     lengths = _extreme_sides(triangles)
     return np.asarray((lengths / _side_counts(lengths, rate, extra)).max(axis=1))

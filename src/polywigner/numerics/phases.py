@@ -58,7 +58,8 @@ def _sine_of_reduced(ops: Any, r: Any) -> Number:
 
 def sin_cycles(ops: Any, cycles: Any) -> Number:
     """Return sin(2 pi cycles)."""
-    return _sine_of_reduced(ops, cycles - ops.round(cycles))
+    r = cycles - ops.round(cycles)
+    return np.sin(2 * math.pi * r) if ops.target == "numpy" else _sine_over_reduced(ops, r) * r
 
 
 def cos_sin_cycles(ops: Any, cycles: Any) -> tuple[Any, Any]:
@@ -87,7 +88,7 @@ def sinc(ops: Any, cycles: Any) -> Any:
     half = 0.5 * cycles
     reduced = half - ops.round(half)
     ratio = _sine_over_reduced(ops, reduced)
-    # A division by a small c would give a derivative with an error of an ulp/c.
+    # Near 0, a division by c would give a derivative with an error of one ulp divided by c.
     near = abs(half) < 0.5
     quotient = ratio * reduced / ops.select(near, 1.0, half)
     return ops.select(near, ratio, quotient) * (0.5 / math.pi)
@@ -113,7 +114,8 @@ def mean_plane_wave(ops: Any, start: Any, end: Any) -> tuple[Any, Any]:
 
 Doubled = tuple[Any, Any]
 
-# Splits a float64 into a number of 24 bits, which float32 represents exactly, and a remainder.
+# Factor that splits a float64 into a number of 24 bits, which float32 represents exactly, and a
+# remainder.
 _SPLIT = 2.0**29 + 1
 
 
@@ -176,7 +178,7 @@ def split(ops: Any, number: Doubled) -> Doubled:
     total, low = number
     if not ops.double:
         return number
-    # Veltkamp's method
+    # Veltkamp's method splits the number.
     scaled = total * _SPLIT
     high = scaled - (scaled - total)
     return high, (total - high) + low
@@ -267,9 +269,9 @@ def one_less_exp(ops: Any, x: Any, terms: int) -> Number:
 # Phase difference [cycles] below which a divided difference is a Taylor series. The recursion
 # divides by at least 0.63 rad, so errors grow by a factor of at most 1/0.63 per order.
 _SERIES_BELOW = 0.1
-# Number k of terms of the Taylor series. For triangles the first omitted term is (k+1)
-# 0.63^k/(k+2)!, which is 2e-18 and 7e-9. For tetrahedra it is (k+1)(k+2)/2 0.63^k/(k+3)!, which is
-# 1e-19 and 6e-9.
+# Number k of terms of the Taylor series in double and in single precision. For triangles, the first
+# omitted term is (k+1) 0.63^k/(k+2)!, which is 2e-18 and 7e-9, respectively. For tetrahedra, it is
+# (k+1)(k+2)/2 0.63^k/(k+3)!, which is 1e-19 and 6e-9.
 _TERMS_DOUBLE, _TERMS_SINGLE = 16, 9
 
 
@@ -291,7 +293,7 @@ def simplex_plane_wave(ops: Any, *corners: Any) -> tuple[Any, Any]:
         ahead, behind = _shifted(ops, last, between), _shifted(ops, first, between)
     divisor = 2 * math.pi * ops.select(small, 1.0, last - first)
     quotient = Pair((ahead.imag - behind.imag) / divisor, (behind.real - ahead.real) / divisor)
-    # The unused series must not overflow.
+    # Large phases are replaced by zero, so that the unused series does not overflow.
     near = [ops.select(small, corner, 0.0) * (2 * math.pi) for corner in corners]
     value = select(ops, small, _series(ops, near), quotient)
     return value.real, value.imag

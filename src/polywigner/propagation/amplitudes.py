@@ -14,7 +14,7 @@ from polywigner.errors import ArgumentError
 from polywigner.execution import Engine
 from polywigner.geometry import Aperture, Polyhedron, Wavefront
 from polywigner.geometry.aperture import PlacedAperture
-from polywigner.geometry.arguments import checked_wavelength, takes_frequency
+from polywigner.geometry.arguments import checked_choice, checked_wavelength, takes_frequency
 from polywigner.geometry.silhouettes import obstacles_of
 from polywigner.kernels.boundary.integrals import distance_of, point_in_wavelengths
 from polywigner.numerics import Complex, Floats
@@ -30,7 +30,6 @@ from polywigner.propagation.point_grids import (
     METHODS,
     Method,
     checked_coordinates,
-    checked_method,
     checked_points,
     tolerance_from,
     warn_of_missed,
@@ -250,7 +249,7 @@ def field_and_error(
             f'expected method to be one of {", ".join(METHODS)}, got "wigner", whose rays have no '
             "phase; use polywigner.irradiance for rays"
         )
-    name, length = checked_method(method), checked_wavelength(wavelength)
+    name, length = checked_choice(method, "method", METHODS), checked_wavelength(wavelength)
     if isinstance(source, PointSource):
         positions = _points_around(source, points)
     else:
@@ -296,12 +295,8 @@ def _check_aberrated(
     source: object, method: object, through: object, obstacles: object, obliquity: object
 ) -> None:
     """Raise ArgumentError if another argument cannot be combined with an aberration."""
-    others = [value for value in (through, obstacles, obliquity) if value is not None]
-    if (
-        others
-        or not isinstance(source, Aperture | Array | Wavefront)
-        or method not in ("fresnel", "fraunhofer")
-    ):
+    is_valid = isinstance(source, Aperture | Array | Wavefront) and through is obstacles is None
+    if not is_valid or obliquity is not None or method not in ("fresnel", "fraunhofer"):
         raise ArgumentError(
             'an aberration requires an Aperture, Array or Wavefront and method="fresnel" or '
             f'"fraunhofer", got method={method!r}; also omit through=, obstacles= and obliquity=, '
@@ -400,7 +395,7 @@ def _fraunhofer(
 
     An ``obliquity`` of None selects the default boundary condition.
     """
-    kind = checked_method(DEFAULT if obliquity is None else obliquity, CONDITIONS)
+    kind = checked_choice(DEFAULT if obliquity is None else obliquity, "obliquity", CONDITIONS)
     flat = flat_source(source)
     radiator = radiator_of(flat)
     check_slopes(source, kind)

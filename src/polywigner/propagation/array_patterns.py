@@ -14,10 +14,11 @@ from polywigner.geometry.arguments import (
     checked_count,
     checked_generator,
     checked_number,
+    checked_type,
     checked_wavelength,
     takes_frequency,
 )
-from polywigner.numerics import Complex, Floats
+from polywigner.numerics import Complex, Floats, index_blocks
 from polywigner.propagation.far_field_tables import FLOOR
 from polywigner.propagation.far_fields import far_field, powers_of
 from polywigner.propagation.patterns import decibels, described, radiation_pattern
@@ -125,11 +126,7 @@ def array_tolerance(
     >>> round(tolerance.attrs["peak_loss"], 3)  # dB
     0.171
     """
-    if not isinstance(array, Array):
-        raise ArgumentError(
-            f"expected an Array of apertures, got {type(array).__name__}; create an Array with "
-            "phased_array"
-        )
+    checked_type(array, "an Array of apertures", Array, advice="create an Array with phased_array")
     source, length = checked_source(array), checked_wavelength(wavelength)
     assert isinstance(source, Array)
     errors = _checked_errors(amplitude=amplitude, phase=phase, position=position, dead=dead)
@@ -215,9 +212,8 @@ def _statistics(
     square, variance = _mean_and_variance(errors, wavelength)
     weighted = source.weights[:, None] * factors
     size = len(source) * (1 if shifts is None else factors.shape[1]) + factors.shape[1]
-    rows = max(1, _BLOCK // size)
     results = []
-    parts = [directions[k : k + rows] for k in range(0, len(directions), rows)]
+    parts = [directions[rows] for rows in index_blocks(len(directions), _BLOCK // size)]
     with with_progress("directions", parts) as blocks:
         for block in blocks:
             fields = _element_fields(source, block, wavelength, obliquity)

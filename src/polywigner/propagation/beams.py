@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from polywigner.errors import ArgumentError, value_text
-from polywigner.geometry.arguments import checked_length, warn_caller
+from polywigner.errors import ArgumentError
+from polywigner.geometry.arguments import checked_length, checked_number, warn_caller
 from polywigner.numerics import Floats
 from polywigner.propagation.patterns import (
     Cut,
@@ -438,10 +438,7 @@ def _crossing(levels: Floats, angles: Floats, k: int, level: float) -> float:
 
 def checked_efficiency(value: Any) -> float:
     """Return an efficiency above 0 and up to 1; raise ArgumentError for other values."""
-    fraction = checked_length(value, "efficiency", meaning="a finite number above 0")
-    if fraction > 1:
-        raise ArgumentError(f"efficiency must be at most 1, got {value_text(value)}")
-    return fraction
+    return checked_number(value, "efficiency", "a number above 0 and up to 1", lambda x: 0 < x <= 1)
 
 
 def _degrees(angle: float) -> str:

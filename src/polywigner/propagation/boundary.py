@@ -8,23 +8,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polywigner import execution
-from polywigner.errors import ArgumentError
 from polywigner.execution import NumpyOperations
 from polywigner.execution.choice import resolved
 from polywigner.execution.progress import with_progress
 from polywigner.geometry import Aperture
+from polywigner.geometry.arguments import check_most
+from polywigner.geometry.rings import edges_of_rings
 from polywigner.kernels.boundary import integrals
 from polywigner.kernels.boundary.steepest_descent import steepest_edge_sum
 from polywigner.kernels.kernel import Kernel
-from polywigner.numerics import Complex, Floats, Indices, phases
+from polywigner.numerics import Complex, Floats, Indices, index_blocks, phases
 from polywigner.numerics.nodes import gauss_rules
 from polywigner.radiometry.directions import checked_source
 from polywigner.source.normal_form import normal_form
@@ -96,6 +97,13 @@ class Radiator:
         return sum(
             e.outline.polygons.length * len(e.amplitudes) * len(e.shifts) for e in self.elements
         )
+
+    def times(self, factor: Callable[[Floats], Any]) -> Radiator:
+        """Return a source whose plane waves are multiplied by a function of frequencies (m, 2)."""
+        elements = (
+            replace(e, amplitudes=e.amplitudes * factor(e.frequencies)) for e in self.elements
+        )
+        return replace(self, elements=tuple(elements))
 
     def distance(self, points: Floats) -> Floats:
         """Return the distances (n,) of points (n, 3) from the bounding box, in m."""
@@ -171,10 +179,8 @@ def panels_of(
             begin, along, length = _divided_edges(element.outline, wavelength * piece[wave])
             kappa = tuple(element.frequencies[wave])
             cycles = phases.reduced(_OPS, phases.dot(_OPS, kappa, (begin[:, 0], begin[:, 1])))
-            step = max(1, count // len(length))
-            for first in range(0, len(element.weights), step):
-                shifts = element.shifts[first : first + step]
-                weights = element.weights[first : first + step]
+            for some in index_blocks(len(element.weights), count // len(length)):
+                shifts, weights = element.shifts[some], element.weights[some]
                 rows = np.empty((len(shifts), len(length), 12))
                 rows[..., :2] = ((shifts - radiator.centre)[:, None] + begin) / wavelength
                 rows[..., 2:4] = along
@@ -223,8 +229,8 @@ def _divided_edges(outline: Aperture, longest: float) -> tuple[Floats, Floats, F
 
     Lengths are in m; ``longest`` is the largest length of a piece, and directions are unit vectors.
     """
-    begin = np.concatenate(outline.rings)
-    edge = np.concatenate([np.roll(ring, -1, axis=0) for ring in outline.rings]) - begin
+    begin, end = edges_of_rings(outline.rings)
+    edge = end - begin
     length = np.hypot(edge[:, 0], edge[:, 1])
     pieces = np.maximum(np.ceil(length / longest), 1.0).astype(np.intp)
     owner = np.repeat(np.arange(len(edge)), pieces)
@@ -313,11 +319,9 @@ def _by_edge_sums(
     # Weight of the second boundary term of (B3), which is absent in Fresnel fields.
     second_term = OBLIQUITIES[method].field if method in OBLIQUITIES else 0.0
     cycles, most = radiator.perimeter / wavelength, _MOST_PANELS * _STRATA[-1][1]
-    if not (paraxial or cycles <= most):
-        raise ArgumentError(
-            f"the edges of the source are too long: {cycles:.3g} wavelengths in total, at most "
-            f"{most:.3g} are allowed; check the unit of the wavelength"
-        )
+    if not paraxial:
+        things = "wavelengths along all edges of the source"
+        check_most(cycles, most, things, "check the unit of the wavelength")
     edges = _TERMS * sum(element.edges for element in radiator.elements)
     chosen = resolved(engine, len(points), edges)
     edge_sums = partial(_edge_sums, radiator, wavelength, second_term, paraxial, chosen)
@@ -388,8 +392,7 @@ def _edge_sums(
     )
     field, error = np.zeros(len(points), np.complex128), np.zeros(len(points))
     for panels in panels_of(radiator, wavelength, longest, _ROWS, paraxial, steep):
-        step = max(_FEWEST_POINTS, _MOST_PAIRS // len(panels.rows))
-        blocks = [slice(low, low + step) for low in range(0, len(points), step)]
+        blocks = index_blocks(len(points), max(_FEWEST_POINTS, _MOST_PAIRS // len(panels.rows)))
         with with_progress("points", blocks) as remaining:
             for block in remaining:
                 real, imag, estimate = execution.evaluate(

@@ -17,8 +17,8 @@ from polywigner.errors import ArgumentError
 from polywigner.execution import Engine
 from polywigner.execution.progress import with_progress
 from polywigner.geometry import Aperture, Wavefront, triangulate
-from polywigner.geometry.arguments import checked_wavelength
-from polywigner.numerics import Complex, Floats
+from polywigner.geometry.arguments import check_most, checked_wavelength
+from polywigner.numerics import Complex, Floats, index_blocks
 from polywigner.numerics.chirps import waves_of_cycles
 from polywigner.numerics.nodes import gauss_rule, node_count
 from polywigner.optics import FirstOrder
@@ -29,7 +29,7 @@ from polywigner.propagation.point_grids import (
     warn_of_missed,
 )
 from polywigner.source import Array
-from polywigner.source.normal_form import SourceElement, normal_form
+from polywigner.source.normal_form import normal_form
 from polywigner.transforms import autocorrelation, fourier
 from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.wavefronts import checked_wavefront, chirp_transform
@@ -200,14 +200,8 @@ def _source_field(source: Any, x: Floats) -> NDArray[np.complex128]:
     total = np.zeros(len(x), np.complex128)
     for element in normal_form(source).in_plane.elements:
         inside = autocorrelation(element.outline, x, (0.0, 0.0), engine="numpy")
-        total += inside * _element_field(element, x)
+        total += inside * element.weight * element.waves_at(x)
     return total
-
-
-def _element_field(element: SourceElement, x: Floats) -> Complex:
-    """Return the weighted field of an element at positions (n, 2), also outside its outline."""
-    waves = np.exp(2j * np.pi * (x @ element.frequencies.T))
-    return np.asarray(element.weight * (waves @ element.amplitudes))
 
 
 def field_behind(
@@ -407,14 +401,10 @@ def _stop_rule(
     elements = normal_form(stop).in_plane.elements
     triangles = [corners[t] for corners, t in (triangulate(e.shape) for e in elements)]
     work = sum(node_count(part, rate, extra) for part in triangles) * lattice.work
-    if not work <= _MOST_WORK:
-        raise ArgumentError(
-            f"the stop requires {work:.1e} pairs of a quadrature node and a point, at most "
-            f"{_MOST_WORK:.0e} are allowed; use fewer points, points on a grid along x and y, or "
-            "a smaller source or stop"
-        )
+    remedy = "use fewer points, points on a grid along x and y, or a smaller source or stop"
+    check_most(work, _MOST_WORK, "pairs of a quadrature node on the stop and a point", remedy)
     rules = [gauss_rule(part, rate, extra)[:2] for part in triangles]
-    fields = [a * _element_field(e, x) for (x, a), e in zip(rules, elements, strict=True)]
+    fields = [a * e.weight * e.waves_at(x) for (x, a), e in zip(rules, elements, strict=True)]
     return np.concatenate([x for x, _ in rules]), np.concatenate(fields)
 
 
@@ -442,10 +432,9 @@ class FrequencyLattice:
         positions.
         """
         total: Any = 0.0
-        rows = max(1, _BLOCK // max(1, sum(map(len, self.axes))))
-        with with_progress("waves", range(0, len(nodes), rows)) as starts:
-            for start in starts:
-                block = slice(start, start + rows)
+        blocks = index_blocks(len(nodes), _BLOCK // max(1, sum(map(len, self.axes))))
+        with with_progress("waves", blocks) as remaining:
+            for block in remaining:
                 first, second = (
                     waves_of_cycles(-np.outer(axis, x))
                     for axis, x in zip(self.axes, nodes[block].T, strict=True)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_choice
+from polywigner.geometry.polyhedron import axes_across
 from polywigner.geometry.silhouettes import ON, Obstacles, Silhouette
 from polywigner.numerics import Complex, Floats
 from polywigner.propagation.equivalent_points import RadiatingPoint
@@ -49,8 +50,7 @@ class Sheet:
     @property
     def direction(self) -> Floats:
         """Unit vector in the plane, shape (3,)."""
-        across = np.cross(self.plane[:3], np.eye(3)[np.abs(self.plane[:3]).argmin()])
-        return np.asarray(across / np.linalg.norm(across))
+        return axes_across(self.plane[:3])[0]
 
     def heights(self, positions: Floats) -> Floats:
         """Return the signed heights (n,) of positions (n, 3) above the plane."""

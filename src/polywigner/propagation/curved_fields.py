@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.errors import ArgumentError
 from polywigner.execution.progress import with_progress
 from polywigner.geometry import Wavefront
 from polywigner.geometry.aperture import triangulate
-from polywigner.numerics import Complex, Floats
+from polywigner.geometry.arguments import check_most
+from polywigner.numerics import Complex, Floats, index_blocks
 from polywigner.numerics.nodes import cell_rules, cells_of, quartered
 from polywigner.propagation.boundary import radiator_of
 from polywigner.source.obliquities import CONDITIONS, direction_cosines
@@ -109,16 +109,17 @@ def cells_of_wave(wave: Wavefront, wavelength: float) -> Iterator[tuple[_Element
     for part in _elements(wave):
         cells = part.triangles
         while len(cells):
-            sides = cells - np.roll(cells, 1, axis=1)
-            size = np.linalg.norm(sides, axis=2).max(axis=1)
-            small = (_highest(wave, part, cells, 0.0) + 1.0 / wavelength) * size <= _MOST_CYCLES
+            highest = _highest(wave, part, cells, 0.0) + 1.0 / wavelength
+            small = highest * _longest_sides(cells) <= _MOST_CYCLES
             yield part, cells[small]
             cells = quartered(cells[~small])
-            if len(cells) > _MOST_PAIRS:
-                raise ArgumentError(
-                    "the phase of the curved wave has too many cycles across the source; use a "
-                    "larger radius of curvature, or a smaller source"
-                )
+            remedy = "use a larger radius of curvature, or a smaller source"
+            check_most(len(cells), _MOST_PAIRS, "cells of a source with a curved wave", remedy)
+
+
+def _longest_sides(cells: Floats) -> Floats:
+    """Return the length of the longest side of each triangle (k, 3, 2)."""
+    return np.asarray(np.linalg.norm(cells - np.roll(cells, 1, axis=1), axis=2).max(axis=1))
 
 
 def _highest(wave: Wavefront, part: _Element, cells: Floats, frequencies: Any) -> Floats:
@@ -144,15 +145,11 @@ def _point_cells(
     while len(owners):
         small = _are_small(wave, part, cells, points[owners], wavelength)
         small_owners, small_cells = owners[small], cells[small]
-        for start in range(0, len(small_cells), _CELLS):
-            block = slice(start, start + _CELLS)
+        for block in index_blocks(len(small_cells), _CELLS):
             yield small_owners[block], small_cells[block]
         owners, cells = np.repeat(owners[~small], 4), quartered(cells[~small])
-        if len(owners) > _MOST_PAIRS:
-            raise ArgumentError(
-                "the exact field of this curved wave requires too many quadrature nodes on the "
-                "source; use points farther away, a smaller source, or method='fresnel'"
-            )
+        remedy = "use points farther away, a smaller source, or method='fresnel'"
+        check_most(len(owners), _MOST_PAIRS, "cells of a source with a curved wave", remedy)
 
 
 def _are_small(
@@ -162,8 +159,7 @@ def _are_small(
 
     ``points`` contains one field point for each cell.
     """
-    sides = cells - np.roll(cells, 1, axis=1)
-    size = np.linalg.norm(sides, axis=2).max(axis=1)
+    size = _longest_sides(cells)
     away = cells - points[:, None, :2]
     height = points[:, 2]
     corner_distance = np.sqrt((away**2).sum(axis=2) + height[:, None] ** 2)

@@ -38,7 +38,6 @@ from polywigner.propagation.point_grids import (
     METHODS,
     Grid,
     box_grid,
-    checked_method,
     hemisphere_grid,
     line_grid,
     plane_grid,
@@ -55,6 +54,7 @@ from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.directions import PlaneSource, checked_radiator
 from polywigner.source.obliquities import DEFAULT
 from polywigner.transforms import PhaseSpaceSource, ambiguity, wigner
+from polywigner.transforms.projection import is_frequency
 from polywigner.transforms.wavefronts import flat_source
 from polywigner.transforms.xarray_arguments import labelled_array
 
@@ -137,7 +137,11 @@ def _field_dataset(
     """Return the fields of all requested methods on a grid, in memory, lazy or stored."""
     check_options(options, FieldOptions)
     radiator, length = checked_radiator(source, partly=True), checked_wavelength(wavelength)
-    methods = _checked_methods(options.get("method", "wigner"))
+    given = options.get("method", "wigner")
+    methods = [
+        checked_choice(name, "method", ("wigner", *METHODS))
+        for name in (given if isinstance(given, list | tuple) else [given])
+    ]
     quantity = checked_choice(options.get("quantity", "irradiance"), "quantity", list(_QUANTITIES))
     number = checked_choice(options.get("dtype", dtype), "dtype", ("float32", "float64"))
     number_type = np.result_type(number, *([np.complex64] if quantity == "amplitude" else []))
@@ -187,16 +191,6 @@ def _checked_settings(options: FieldOptions, quantity: str) -> dict[str, Any]:
     if "obstacles" in settings:
         settings["obstacles"] = listed_bodies(settings["obstacles"])
     return settings
-
-
-def _checked_methods(method: Any) -> tuple[str, ...]:
-    """Return one or more method names as a tuple; raise ArgumentError for unknown names."""
-    methods = tuple(method) if isinstance(method, (list, tuple)) else (method,)
-    if not methods or len(set(map(str, methods))) < len(methods):
-        raise ArgumentError(
-            f"expected method to be one method, or a list of different methods, got {method!r}"
-        )
-    return tuple(checked_method(name, ("wigner", *METHODS)) for name in methods)
 
 
 def _positions(grid: Grid) -> dict[str, Any]:
@@ -612,5 +606,4 @@ def _checked_axis(name: str, values: ArrayLike) -> xarray.Variable:
     """Return a coordinate of a table in m or 1/m; raise ArgumentError for other values."""
     expected = f"expected {name} to be finite numbers of shape (n,)"
     array = finite_array(values, expected, (None,))
-    units = "1/m" if name.startswith(("nu", "upsilon")) else "m"
-    return labelled_array(array, (name,), {"units": units})
+    return labelled_array(array, (name,), {"units": "1/m" if is_frequency(name) else "m"})

@@ -28,12 +28,11 @@ from polywigner.kernels.boundary.edge_waves import (
     cross,
     difference,
     dot,
-    edge_wave,
-    edge_wave_and_rate,
+    edge_change,
     path_over,
 )
 from polywigner.kernels.kernel import Values
-from polywigner.numerics import Complex, Floats, Indices, Number
+from polywigner.numerics import Complex, Floats, Indices, Number, sums_by_index
 from polywigner.numerics.nodes import gauss_legendre, nodes_needed
 from polywigner.numerics.phases import Pair, unit_wave
 from polywigner.propagation.equivalent_points import RadiatingPoint
@@ -184,17 +183,14 @@ class EdgeSum:
         )
         numbers, pairs = np.nonzero(self.sees[:, edges])
         change = np.zeros(len(at), np.complex128)
-        term = partial(_boundary_waves, rule, self._is_oblique)
         for some in _blocks(len(pairs), 1):
             number, pair = numbers[some], pairs[some]
-            point, columns = points[pair], np.column_stack([self.origins[number], rows[pair]])
-            real, imag, *rate = self._row_sums(term, np.zeros((1, 1)), columns, 4)
-            total = waves[number, point] * (real + 1j * imag)
-            for dipole in dipoles:
-                total += dipole[number, point] * (rate[0] + 1j * rate[1])
-            total *= weights[edges[pair], point]
-            change.real += np.bincount(point, total.real, len(at))
-            change.imag += np.bincount(point, total.imag, len(at))
+            point = points[pair]
+            parts = np.stack([wave[number, point] for wave in (waves, *dipoles)], axis=1)
+            columns = np.column_stack([self.origins[number], rows[pair], parts.view(np.float64)])
+            real, imag = self._row_sums(partial(_change, rule), np.zeros((1, 1)), columns, 2)
+            total = (real + 1j * imag) * weights[edges[pair], point]
+            change += sums_by_index(point, total, len(at))
         # If all edges are far, a single node determines whether the point is in shadow.
         free, near = of_points[0].sum(axis=1), weights.any(axis=0)
         change[~near] += free[~near] * self._shadow(len(waves) // 2, targets.subset(~near))
@@ -343,24 +339,17 @@ def _near_weight(
     return part * part * (3.0 - 2.0 * part)
 
 
-def _boundary_waves(
-    rule: EdgeRule, is_oblique: bool, ops: Any, _: Point, sample: Point, shared: Point
-) -> Values:
-    """Return the boundary wave of an edge relative to the wave and to the dipole of a node.
+def _change(rule: EdgeRule, ops: Any, _: Point, sample: Point, shared: Point) -> Values:
+    """Return the real and imaginary part of the change of a node's wave by an edge.
 
-    The four results are the real and the imaginary part of both relative waves. The second pair is
-    zero unless ``is_oblique``.
+    ``sample`` contains the node, the ends of the edge, the point and the displaced point. It also
+    contains the wave of the node at the point and, if it is not zero, the dipole.
     """
     origin, start, end, point, aside = (sample[k : k + 3] for k in (0, 3, 6, 9, 12))
+    dipole = Pair(*sample[17:19]) if len(sample) > 17 else None
     path = origin, point, start, end, aside
-    rate = Pair(0.0 * point[0], 0.0 * point[0])
-    if is_oblique:
-        boundary, rate = edge_wave_and_rate(ops, rule, *path)
-    else:
-        boundary = Pair(*edge_wave(ops, rule, *path))
-    boundary, rate = boundary.scaled(-0.5 / math.pi), rate.scaled(0.25 / math.pi**2)
-    # The obliquity term of (SB5) is the derivative times -i.
-    return boundary.real, boundary.imag, rate.imag, -rate.real
+    change = edge_change(ops, rule, Pair(*sample[15:17]), dipole, *path)[0]
+    return change.real, change.imag
 
 
 def _edge_angle(ops: Any, row: Point, sample: Point, shared: Point) -> Values:

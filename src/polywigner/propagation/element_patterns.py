@@ -12,19 +12,21 @@ from numpy.typing import ArrayLike
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import (
+    check_most,
     checked_choice,
     checked_number,
     checked_wavelength,
     warn_caller,
 )
 from polywigner.geometry.illumination import Illumination
-from polywigner.numerics import Complex, Floats
+from polywigner.numerics import Complex, Floats, index_blocks
 from polywigner.propagation.point_grids import unit_vectors
 from polywigner.propagation.vector_fields import far_field_of_currents, from_co_and_cross
 from polywigner.radiometry.directions import directions_and_weights
 from polywigner.source.obliquities import DEFAULT, DefaultCondition
 from polywigner.source.polarisation import MODELS, CurrentModel, checked_polarisation, ludwig_axes
 from polywigner.transforms import fourier
+from polywigner.transforms.xarray_arguments import arrays_of
 
 if TYPE_CHECKING:
     import xarray
@@ -61,11 +63,9 @@ class ElementPattern:
         ``theta`` (n,) extends from 0 to pi/2 or pi, and ``phi`` (m,) around the full circle, in
         rad.
         """
-        if len(theta) > MOST_THETA or len(phi) > MOST_PHI:
-            raise ArgumentError(
-                f"expected at most {MOST_THETA} theta angles and {MOST_PHI} phi angles, got "
-                f"{len(theta)} and {len(phi)}; use every second or third angle"
-            )
+        remedy = "use every second or third angle"
+        check_most(len(theta), MOST_THETA, "theta angles", remedy)
+        check_most(len(phi), MOST_PHI, "phi angles", remedy)
         if not covers_front(theta, phi):
             raise ArgumentError(
                 "expected evenly spaced theta angles from 0 to 90 or 180 degrees, and phi "
@@ -94,11 +94,6 @@ class ElementPattern:
             )
         if not self.covers_sphere:
             theta, values = theta[~behind], values[:, ~behind]
-        if len(theta) < 3 or len(phi) < 4:
-            raise ArgumentError(
-                "expected a pattern with at least three theta angles in front of the plane and "
-                f"four phi angles, got {len(theta)} and {len(phi)}"
-            )
         count = len(phi)
         orders = np.fft.fftfreq(count, 1 / count)
         waves = np.fft.fft(values, axis=2) / count * np.exp(-1j * orders * phi[0])
@@ -139,12 +134,12 @@ class ElementPattern:
         """
         flat = directions.reshape(-1, 3)
         field = np.empty(flat.shape, np.complex128)
-        for k in range(0, len(flat), _ROWS):
-            x, y, z = flat[k : k + _ROWS].T
+        for rows in index_blocks(len(flat), _ROWS):
+            x, y, z = flat[rows].T
             theta, phi = np.arctan2(np.hypot(x, y), z), np.arctan2(y, x)
             along, around = self._theta_matrix(theta), self._phi_waves(phi)
             polar, azimuthal = (((along @ part) * around).sum(axis=1) for part in self._waves)
-            field[k : k + _ROWS] = _cartesian(theta, phi, polar, azimuthal)
+            field[rows] = _cartesian(theta, phi, polar, azimuthal)
         return field.reshape(directions.shape)
 
     def power(self, lag: float, factor: Callable[[Floats], Complex] | None = None) -> float:
@@ -159,13 +154,13 @@ class ElementPattern:
             node, weight = (node + 1) / 2, weight / 2
         count = math.ceil(lag) + 2 * azimuthal + _MARGIN
         phi = 2 * math.pi * np.arange(count) / count
-        total, rows = 0.0, max(1, _ROWS // count)
-        for k in range(0, len(node), rows):
-            theta = np.arccos(node[k : k + rows])
+        total = 0.0
+        for rows in index_blocks(len(node), _ROWS // count):
+            theta = np.arccos(node[rows])
             squares = np.square(np.abs(self.components(theta, phi))).sum(axis=0)
             if factor is not None:
                 squares = squares * np.square(np.abs(factor(unit_vectors(theta, phi))))
-            total += float(weight[k : k + rows] @ squares.mean(axis=1))
+            total += float(weight[rows] @ squares.mean(axis=1))
         return 2 * math.pi * total
 
     def _phi_waves(self, phi: Floats) -> Complex:
@@ -222,19 +217,13 @@ def linear_components(pattern: Any, name: str) -> tuple[Floats, Floats, Complex,
     over ascending angles. Raises ArgumentError if the object is not the pattern of a polarised
     source.
     """
-    try:
-        pattern = pattern.sortby(["theta", "phi"]).transpose("theta", "phi")
-        theta, phi = (np.asarray(pattern[axis].values, np.float64) for axis in ("theta", "phi"))
-        co, cross = (np.asarray(pattern[k].values, complex) for k in ("field", "cross_field"))
-        jones = np.asarray(pattern.attrs["polarisation"], np.float64).view(np.complex128)
-        if co.shape != (len(theta), len(phi)) or not len(theta) or jones.shape != (2,):
-            raise ValueError
-    except (TypeError, KeyError, IndexError, AttributeError, ValueError):
-        raise ArgumentError(
-            f"expected {name} to be a pattern of a polarised source over theta and phi, got "
-            f"{type(pattern).__name__}; use read_pattern, or radiation_pattern(polarisation=...)"
-        ) from None
-    return theta, phi, *from_co_and_cross(co, cross, jones), jones
+    axes = {"theta": "theta", "phi": "phi", "field": "theta phi", "cross_field": "theta phi"}
+    maker = f"read_pattern or radiation_pattern(polarisation=...) as {name}"
+    theta, phi, co, cross, state = arrays_of(pattern, axes, maker, "polarisation")
+    order = np.ix_(np.argsort(theta), np.argsort(phi))
+    jones = np.asarray(state, np.float64).view(np.complex128)
+    x, y = from_co_and_cross(co[order], cross[order], jones)
+    return np.sort(theta), np.sort(phi), x, y, jones
 
 
 def polar_components(x: Complex, y: Complex, phi: Floats) -> tuple[Complex, Complex]:
@@ -409,12 +398,8 @@ def _fit_waves(aperture: Aperture, wavelength: float) -> Floats:
     extents = np.array([x1 - x0, y1 - y0])
     limits = 1 / wavelength + 1 / extents
     counts = np.floor(_PERIODS * extents * limits)
-    if np.prod(2 * counts + 1) > 2 * _MOST_WAVES:
-        raise GeometryError(
-            "the aperture of a fit must be at most about 12 wavelengths wide, got "
-            f"{extents[0] / wavelength:.3g} by {extents[1] / wavelength:.3g} wavelengths; use a "
-            "smaller outline"
-        )
+    remedy = "use an outline up to about 12 wavelengths wide"
+    check_most(np.prod(2 * counts + 1), 2 * _MOST_WAVES, "waves in a fit", remedy, GeometryError)
     steps = [np.arange(-n, n + 1) / (_PERIODS * e) for n, e in zip(counts, extents, strict=True)]
     waves = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 2)
     return waves[np.hypot(*(waves / limits).T) <= 1 + 1e-9]

@@ -18,7 +18,7 @@ from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution import NumpyOperations
 from polywigner.geometry import Wavefront
 from polywigner.kernels.boundary.edge_waves import Point
-from polywigner.numerics import Complex, Floats
+from polywigner.numerics import Complex, Floats, index_blocks
 from polywigner.numerics.nodes import gauss_legendre
 from polywigner.numerics.phases import Pair, cos_sin_cycles
 from polywigner.propagation.boundary import Radiator, radiator_of
@@ -144,10 +144,8 @@ def _slope_spectrum(wave: Wavefront, sines: list[Floats], wavelength: float) -> 
     """
     total = np.zeros([len(s) for s in sines], np.complex128)
     for part, cells in cells_of_wave(wave, wavelength):
-        for start in range(0, len(cells), _CELLS):
-            nodes, _, slopes = field_at_nodes(
-                wave, part, cells[start : start + _CELLS], wavelength, True
-            )
+        for some in index_blocks(len(cells), _CELLS):
+            nodes, _, slopes = field_at_nodes(wave, part, cells[some], wavelength, True)
             x, y = (
                 np.exp(-2j * math.pi / wavelength * np.multiply.outer(s, nodes[..., k].ravel()))
                 for k, s in enumerate(sines)
@@ -204,18 +202,6 @@ def sines_towards(low: Floats, high: Floats, boxes: Floats) -> Sines:
     return bounds[0], bounds[1]
 
 
-def oblique_change(ops: Any, ahead: Point, field: Point, rate: Pair, cycles: Any = None) -> Pair:
-    """Return the obliquity term of (SB5) for a point source.
-
-    ``field`` contains the real and the imaginary part of the weight of the source. ``rate`` is the
-    derivative of the boundary wave with respect to z of the source. See :func:`spherical_wave` for
-    ``cycles``.
-    """
-    # The derivative contributes the factor i/(2 pi), and the boundary wave the factor -1/(2 pi).
-    wave = spherical_wave(ops, ahead, cycles) * Pair(*field) * rate
-    return Pair(wave.imag, -wave.real).scaled(0.25 / math.pi**2)
-
-
 def spherical_wave(ops: Any, ahead: Point, cycles: Any = None) -> Pair:
     """Return the spherical wave ``exp(2 pi i R)/(i R)``, where R is the length of ``ahead``.
 
@@ -232,9 +218,14 @@ def wave_ahead(ops: Any, ahead: Point, field: Point, slope: Point, cycles: Any =
     ``field`` and ``slope`` contain the real and the imaginary part of the weights of the field and
     of the normal derivative. See :func:`spherical_wave` for ``cycles``.
     """
+    of_field = Pair(*field) * dipole_obliquity(ops, ahead)
+    return spherical_wave(ops, ahead, cycles) * (of_field + Pair(*slope))
+
+
+def dipole_obliquity(ops: Any, ahead: Point) -> Pair:
+    """Return the ratio (1 + i/(2 pi R)) z/R of the wave of a dipole along z to a spherical wave."""
     inverse = 1.0 / ops.sqrt(sum(a * a for a in ahead))
-    near = Pair(1.0, (0.5 / math.pi) * inverse).scaled(ahead[2] * inverse)
-    return spherical_wave(ops, ahead, cycles) * (Pair(*field) * near + Pair(*slope))
+    return Pair(1.0, (0.5 / math.pi) * inverse).scaled(ahead[2] * inverse)
 
 
 class RadiatingPoint(NamedTuple):

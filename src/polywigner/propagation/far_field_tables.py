@@ -8,12 +8,13 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby, pairwise
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.io.limits import LARGEST_NUMBER, check_most, token
+from polywigner.geometry.arguments import check_most, checked_count
+from polywigner.geometry.io.limits import check_coordinates, token
 from polywigner.numerics import Complex, Floats
 from polywigner.propagation.element_patterns import polar_components
 from polywigner.quantities import parse_frequency
@@ -290,12 +291,7 @@ def _number_table(rows: Sequence[Sequence[str]], first: int, columns: int) -> Fl
             "the file contains no directions; expected one line for each direction"
         )
     table = np.array(values)
-    valid = np.abs(table) <= LARGEST_NUMBER  # False for NaN
-    if not valid.all():
-        raise FileFormatError(
-            f"the file contains the number {table[~valid][0]:g}; expected finite numbers up to "
-            f"{LARGEST_NUMBER:g}"
-        )
+    check_coordinates(table)
     return table
 
 
@@ -458,11 +454,8 @@ def _components(table: Floats) -> Complex:
 
 def _checked_count(count: float, line: int) -> int:
     """Return a number of angles as an int; raise FileFormatError for other values."""
-    if not (1 <= count <= MOST_DIRECTIONS and count == int(count)):
-        raise FileFormatError(
-            f"expected the number of angles as a positive integer in line {line}, got {count:g}"
-        )
-    return int(count)
+    number: Any = int(count) if count == int(count) else count
+    return checked_count(number, f"the number of angles in line {line}", 1, MOST_DIRECTIONS)
 
 
 def _grasp_cuts(lines: list[str]) -> Iterator[FarFieldTable]:

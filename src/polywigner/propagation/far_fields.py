@@ -23,7 +23,7 @@ from polywigner.geometry.arguments import (
     warn_caller,
 )
 from polywigner.geometry.rings import sides_of
-from polywigner.numerics import Complex, Floats
+from polywigner.numerics import Complex, Floats, index_blocks
 from polywigner.propagation.element_patterns import element_pattern_of
 from polywigner.propagation.point_grids import unit_vectors
 from polywigner.propagation.vector_fields import far_vectors, polarised_parts, vector_powers
@@ -254,9 +254,8 @@ class FarField:
                 m + step * np.arange(-n, n + 1)
                 for m, step, n in zip(centre, 2 / steps, counts, strict=True)
             )
-            rows = max(1, _BLOCK // len(across))
-            for k in range(0, len(along), rows):
-                grid = np.stack(np.meshgrid(across, along[k : k + rows]), axis=-1).reshape(-1, 2)
+            for rows in index_blocks(len(along), _BLOCK // len(across)):
+                grid = np.stack(np.meshgrid(across, along[rows]), axis=-1).reshape(-1, 2)
                 candidates.append(_near_peak(*self._on_disc(grid), 2 / steps, width))
         cosines, values = (np.concatenate(parts) for parts in zip(*candidates, strict=True))
         cosines, _ = _near_peak(cosines, values, 2 / steps, width)

@@ -12,7 +12,12 @@ from polywigner import kernels
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine
 from polywigner.geometry import Aperture, Wavefront
-from polywigner.geometry.arguments import checked_number, checked_wavelength, takes_frequency
+from polywigner.geometry.arguments import (
+    checked_choice,
+    checked_number,
+    checked_wavelength,
+    takes_frequency,
+)
 from polywigner.numerics import Floats
 from polywigner.optics import FirstOrder
 from polywigner.propagation.amplitudes import Obstacle, field_and_error
@@ -27,7 +32,6 @@ from polywigner.propagation.partial_coherence import partly_coherent_irradiance
 from polywigner.propagation.point_grids import (
     DEFAULT_TOLERANCE,
     METHODS,
-    checked_method,
     checked_points,
 )
 from polywigner.propagation.screens import PointSource, Screen
@@ -234,7 +238,7 @@ def _irradiance_and_error(
 
     See `field_and_error` for ``with_error``.
     """
-    checked_method(method, ("wigner", *METHODS, "auto"))
+    checked_choice(method, "method", ("wigner", *METHODS, "auto"))
     meaning = "a number above 0 and below 1"
     allowed = checked_number(tolerance, "tolerance", meaning, lambda x: 0.0 < x < 1.0)
     check_no_drjit(source=source, points=points, wavelength=wavelength)

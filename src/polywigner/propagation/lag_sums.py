@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from polywigner.geometry import Wavefront
 from polywigner.geometry.parts import grid_size, polygons_in, shifted
-from polywigner.geometry.rings import sides_of
-from polywigner.numerics import Complex, Floats, Indices
+from polywigner.geometry.rings import edges_of_rings, sides_of
+from polywigner.numerics import Complex, Floats, Indices, index_blocks
 from polywigner.numerics.nodes import (
     Cells,
     chirp_node_counts,
@@ -86,12 +86,10 @@ def _lag_cells(source: Wavefront) -> Cells:
     # Kinks of the ambiguity function lie on the segments V - E for all vertices V and edges E.
     longest = _longest_lags(source)
     half = shapely.box(-longest[0], 0.0, longest[0], longest[1])
-    rings = normal_form(source).rings
-    begin = np.concatenate(rings)
-    end = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
+    begin, end = edges_of_rings(normal_form(source).rings)
     kinks: list[Any] = []
-    for start in range(0, len(begin), 256):
-        vertices = begin[start : start + 256, None]
+    for some in index_blocks(len(begin), 256):
+        vertices = begin[some, None]
         segments = np.stack([vertices - begin, vertices - end], axis=2).reshape(-1, 2, 2)
         lines = shapely.linestrings(segments)
         kinks.extend(lines[shapely.intersects(lines, half) & (shapely.length(lines) > 0)])
@@ -132,10 +130,9 @@ def summed_over_lags(
         """Return the contribution of lags (m, 2) to the irradiance at all points."""
         values = np.asarray(ambiguity(source, -lags @ bend, lags)) * weights
         total = np.empty(len(points))
-        step = max(1, _BLOCK // len(lags))
-        for start in range(0, len(points), step):
-            waves = np.exp(-2j * np.pi * (nu[start : start + step] @ lags.T))
-            total[start : start + step] = (waves @ values).real
+        for block in index_blocks(len(points), _BLOCK // len(lags)):
+            waves = np.exp(-2j * np.pi * (nu[block] @ lags.T))
+            total[block] = (waves @ values).real
         return total / (wavelength**2 * determinant)
 
     return _sum_over_lags(irradiance, cells, largest, error)
@@ -226,9 +223,9 @@ def summed_over_pairs(
     def irradiance(lags: Floats, weights: Floats, extra: int) -> Floats:
         """Return the contribution of lags (m, 2) to the irradiance at all points."""
         total = np.zeros(len(points))
-        for start in range(0, len(lags), _LAGS):
-            xi = lags[start : start + _LAGS]
-            degrees = _degrees(channels, xi, width, wavelength) * weights[start : start + _LAGS]
+        for block in index_blocks(len(lags), _LAGS):
+            xi = lags[block]
+            degrees = _degrees(channels, xi, width, wavelength) * weights[block]
             for a, b in neighbours:
                 x, amounts, lag_of = _point_pairs(a, b, xi, mean_rates(xi), extra)
                 lag = xi[lag_of]
@@ -313,8 +310,9 @@ def _sum_of_waves(
         values: list[Complex | float] = [slope] if condition.field else []
         return values + ([condition.slope] if condition.slope else [])
 
-    for start, low in product(range(0, len(means), _PAIRS), range(0, len(points), _POINTS)):
-        pairs, block = slice(start, start + _PAIRS), slice(low, low + _POINTS)
+    for pairs, block in product(
+        index_blocks(len(means), _PAIRS), index_blocks(len(points), _POINTS)
+    ):
         (x, y), (xi, eta) = means[pairs].T, lags[pairs].T
         px, py, z = points[block].T[:, :, None]
         dx, dy = x - px, y - py

@@ -19,7 +19,7 @@ from polywigner.execution.progress import with_progress
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.convex import trapezoids
 from polywigner.geometry.rings import sides_of
-from polywigner.numerics import Complex, Floats, Indices
+from polywigner.numerics import Complex, Floats, Indices, index_blocks
 from polywigner.numerics.chirps import waves_of_cycles
 from polywigner.numerics.nodes import Cells, cell_rules, gaussian_product_rule
 from polywigner.optics import FirstOrder
@@ -174,8 +174,7 @@ def _convolution(
     )
     nodes, weights = gaussian_product_rule(tuple(blur.extents.tolist()), error)
     count = len(points) * len(weights) if (blur.spreads > 0).all() else math.inf
-    step = max(1, _BLOCK // (first.near.shape[1] * second.near.shape[1]))
-    blocks = [slice(k, k + step) for k in range(0, len(points), step)]
+    blocks = index_blocks(len(points), _BLOCK // (first.near.shape[1] * second.near.shape[1]))
     shape = len(first.nodes), len(second.nodes)
     if math.prod(shape) <= _MOST_IN_LATTICE:
         needed = np.zeros(shape, bool)
@@ -319,11 +318,11 @@ def _in_spherical_waves(
     rates = largest_rates(source, points, wavelength)
     rates += [_RESOLVED * axis.half * axis.step for axis in axes]
     order = np.argsort(rates.max(axis=1), kind="stable")
-    size = int(min(_SHARED, max(1, _SPECTRUM // (count * len(channels)))))
+    size = min(_SHARED, _SPECTRUM // (count * len(channels)))
     is_curved = condition.needs_normal_derivative and not source.is_flat
     blocks, time = [], math.inf if is_curved or count > _SPECTRUM else 0.0
-    for start in range(0, len(points), size):
-        members = order[start : start + size]
+    for block in index_blocks(len(points), size):
+        members = order[block]
         counts = [
             node_counts(
                 _trapezoids(element.outline),
@@ -400,9 +399,7 @@ def _spectra(rule: _TiltSum, points: Floats, counts: Sequence[Indices]) -> Compl
             rows = y if np.ptp(y, axis=0).any() else y[:1]
             inner = np.empty((channels, len(x), *halves[1:]), np.complex128)
             columns = channels * len(points) + (along_y.half if len(rows) > 1 else 0)
-            step = max(1, _BATCH // (y.shape[1] * columns))
-            for start in range(0, len(x), step):
-                block = slice(start, start + step)
+            for block in index_blocks(len(x), _BATCH // (y.shape[1] * columns)):
                 waves = _cosines_and_sines(rows[block] if len(rows) > 1 else rows, along_y)
                 values = _integrand(rule, element, nodes[block], weights[block], points)
                 inner[:, block] = _real_product(waves, values)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -13,13 +13,14 @@ import numpy as np
 
 from polywigner.errors import ArgumentError, FileFormatError, PolywignerError
 from polywigner.geometry.arguments import (
+    check_most,
     checked_choice,
     checked_length,
     checked_path,
     warn_caller,
     write_lines,
 )
-from polywigner.geometry.io.limits import bytes_of, check_most, text_of
+from polywigner.geometry.io.limits import bytes_of, checked_suffix, text_of
 from polywigner.propagation.beams import checked_efficiency
 from polywigner.propagation.element_patterns import (
     ElementPattern,
@@ -165,9 +166,8 @@ def _read(
     invalid files.
     """
     file = checked_path(path)
-    suffix = file.suffix.lower()
     try:
-        _check_suffix(suffix, (*LOADERS, ".msi", ".pln"))
+        suffix = checked_suffix(file, (*LOADERS, ".msi", ".pln"))
         lines = text_of(bytes_of(file)).splitlines()
         check_most(len(lines), MOST_DIRECTIONS + 10, "lines", "export coarser steps")
         if suffix not in LOADERS:
@@ -175,15 +175,6 @@ def _read(
         return _pattern_of(_at_frequency(list(LOADERS[suffix](lines)), frequency, tolerance))
     except PolywignerError as error:
         raise FileFormatError(f"{file}: {error}") from None
-
-
-def _check_suffix(suffix: str, known: Iterable[str]) -> None:
-    """Raise FileFormatError unless a suffix such as ".ffd" is among the known suffixes."""
-    if suffix not in known:
-        raise FileFormatError(
-            f"the suffix {suffix or 'none'!r} of the pattern file is not supported; use one of "
-            f"{', '.join(known)}"
-        )
 
 
 def _at_frequency(
@@ -222,10 +213,6 @@ def _pattern_of(table: FarFieldTable) -> xarray.Dataset:
 
     Raises FileFormatError for repeated, missing or contradictory directions.
     """
-    if len(np.unique(np.stack([table.theta, table.phi]).round(6), axis=1).T) < len(table.theta):
-        raise FileFormatError(
-            "some directions occur several times in the file; keep one row for each direction"
-        )
     fields = table.fields.conj() / math.sqrt(2 * FREE_SPACE)
     flat = _folded(table.theta, table.phi, fields)
     axes = np.unique(flat[0]), np.unique(flat[1])
@@ -502,9 +489,8 @@ def write_pattern(
         ".csv": _csv_lines, ".txt": _cst_lines, ".ffd": _ffd_lines, ".cut": _grasp_lines,
         ".msi": _msi_lines, ".pln": _msi_lines,
     }  # fmt: skip
-    suffix = file.suffix.lower()
-    _check_suffix(suffix, writers)
-    write_lines(file, writers[suffix](_file_pattern(pattern, polarisation, efficiency)))
+    write = writers[checked_suffix(file, writers)]
+    write_lines(file, write(_file_pattern(pattern, polarisation, efficiency)))
 
 
 def _file_pattern(pattern: Any, polarisation: Any, efficiency: float) -> _Pattern:
@@ -602,7 +588,7 @@ def _msi_lines(pattern: _Pattern) -> Lines:
     yield f"GAIN {pattern.about['gain']:.3f} dBi"
     yield "TILT ELECTRICAL"
     yield "COMMENT far field of an aperture, y axis up"
-    # X
+    # The angles in a file increase to the right and downwards, as seen from behind the antenna.
     for name, phi in (("HORIZONTAL", 0.0), ("VERTICAL", 90.0)):
         theta, levels = _full_cut(pattern, phi)
         yield f"{name} 360"

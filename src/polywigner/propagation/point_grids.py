@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -12,7 +12,6 @@ import numpy as np
 
 from polywigner.errors import ArgumentError, value_text
 from polywigner.geometry.arguments import (
-    checked_choice,
     checked_count,
     checked_length,
     checked_number,
@@ -121,11 +120,6 @@ def tolerance_from(
         return default
     meaning = f"a number from {least:g} to 0.1{where}"
     return checked_number(tolerance, "tolerance", meaning, lambda x: least <= x <= 0.1)
-
-
-def checked_method(method: Any, allowed: Collection[str] = METHODS) -> str:
-    """Return the name of a method; raise ArgumentError if it is not allowed."""
-    return checked_choice(method, "method", allowed)
 
 
 def warn_of_missed(errors: Floats, allowed: Floats, what: str) -> None:

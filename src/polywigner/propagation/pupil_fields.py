@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from polywigner.errors import ArgumentError
 from polywigner.execution import Differentiable, Engine, checked_engine
 from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import Points
-from polywigner.numerics import Complex, Floats
+from polywigner.geometry.arguments import Points, check_most
+from polywigner.numerics import Complex, Floats, index_blocks
 from polywigner.numerics.chirps import waves_of_cycles
 from polywigner.optics import FirstOrder
 from polywigner.propagation.collins import FrequencyLattice, checked_points_behind, field_behind
@@ -109,18 +108,13 @@ def _lattice_sum(lattice: FrequencyLattice, nodes: Floats, field: Complex) -> Co
     """
     # On a grid, all frequencies along x use the same sums over y.
     waves = field.size * (lattice.work if lattice.index is None else len(lattice.axes[1]))
-    if waves > _MOST:
-        raise ArgumentError(
-            f"the aberrated pupil requires {waves:.1e} products of a quadrature node and a point, "
-            f"at most {_MOST:.0e} are allowed; use fewer points, or a grid along x and y"
-        )
+    things = "products of a quadrature node of the aberrated pupil and a point"
+    check_most(waves, _MOST, things, "use fewer points, or a grid along x and y")
     if lattice.index is None:
         return lattice.fourier_sum(nodes.reshape(-1, 2), field.ravel())
     x, y = nodes[:, 0, 0], nodes[..., 1]
     total: Any = 0.0
-    rows = max(1, _BLOCK // max(1, y.shape[1] * len(lattice.axes[1])))
-    for start in range(0, len(x), rows):
-        some = slice(start, start + rows)
+    for some in index_blocks(len(x), _BLOCK // max(1, y.shape[1] * len(lattice.axes[1]))):
         along_y = waves_of_cycles(-y[some, :, None] * lattice.axes[1])
         sums = (field[some, None, :] @ along_y)[:, 0]
         total = total + waves_of_cycles(-np.outer(lattice.axes[0], x[some])) @ sums

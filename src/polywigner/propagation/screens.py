@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import math
-import numbers
 from dataclasses import dataclass
 from typing import Any, Literal, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, value_text
+from polywigner.errors import ArgumentError
 from polywigner.execution import NumpyOperations
 from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import checked_choice, finite_array
+from polywigner.geometry.arguments import checked_choice, checked_type, complex_array, finite_array
+from polywigner.geometry.rings import edges_of_rings
 from polywigner.kernels.boundary.edge_waves import EdgeRule, angle_about, edge_wave
-from polywigner.numerics import Complex, Floats
+from polywigner.numerics import Complex, Floats, index_blocks
 from polywigner.numerics.chirps import waves_of_cycles
 from polywigner.propagation.boundary import boundary_field, radiator_of
 from polywigner.propagation.point_grids import warn_of_missed
@@ -58,8 +58,7 @@ def waves_through(
     m, and the field is in 1/m. ``mirrored`` is the factor -1, 0 or 1 of the edge waves of the
     source's mirror image.
     """
-    begin = np.concatenate(opening.rings) / wavelength
-    end = np.concatenate([np.roll(ring, -1, axis=0) for ring in opening.rings]) / wavelength
+    begin, end = (points / wavelength for points in edges_of_rings(opening.rings))
     start, stop = ((*edge.T[..., None], 0.0) for edge in (begin, end))
     position, image = np.array(source) / wavelength, np.array(source) * [1, 1, -1] / wavelength
     at_corner = _on_corner_lines(begin, position, points / wavelength)
@@ -72,22 +71,21 @@ def waves_through(
         ]
         return (sides[0][0] + sides[1][0]) / 2, np.maximum(sides[0][1], sides[1][1])
     field, errors = np.empty(len(points), np.complex128), np.empty(len(points))
-    step = max(1, _PAIRS // len(begin))
-    for block in (slice(low, low + step) for low in range(0, len(points), step)):
+    for block in index_blocks(len(points), _PAIRS // len(begin)):
         at = points[block] / wavelength
         shift = _SHIFT * np.linalg.norm(at - position, axis=1)[:, None] * _ASIDE
         incident = spherical_field(position, at, 1.0) / wavelength
         path = tuple(position), tuple(at.T), start, stop
         aside = tuple((at + shift).T)
-        real, imag = edge_wave(_OPS, _RULE, *path, aside)
+        wave = edge_wave(_OPS, _RULE, *path, aside)
         angle = angle_about(_OPS, path[0], aside, start, stop)
-        field[block] = incident * (angle - real - 1j * imag).sum(axis=0) / (2 * math.pi)
+        field[block] = incident * (angle - wave.real - 1j * wave.imag).sum(axis=0) / (2 * math.pi)
         errors[block] = _ERROR * abs(incident)
         if mirrored:
             at = np.where((at == image).all(axis=1)[:, None], at + shift, at)
             reflected = spherical_field(image, at, 1.0) / wavelength
-            real, imag = edge_wave(_OPS, _RULE, tuple(image), tuple(at.T), start, stop)
-            waves = (real + 1j * imag).sum(axis=0)
+            wave = edge_wave(_OPS, _RULE, tuple(image), tuple(at.T), start, stop)
+            waves = (wave.real + 1j * wave.imag).sum(axis=0)
             field[block] += mirrored * reflected * waves / (2 * math.pi)
             errors[block] += _ERROR * abs(mirrored * reflected) * len(begin)
     return field, errors
@@ -222,12 +220,8 @@ class Screen:
                 "expected the outline of a screen as an Aperture without an illumination, got "
                 f"{self.outline!r:.80}"
             )
-        if not isinstance(self.illuminated_by, (PointSource, PlaneWave)):
-            raise ArgumentError(
-                "expected illuminated_by to be a PointSource or a PlaneWave, got "
-                f"{type(self.illuminated_by).__name__}"
-            )
-        light = self.illuminated_by
+        expected = "illuminated_by to be a PointSource or a PlaneWave"
+        light = checked_type(self.illuminated_by, expected, PointSource, PlaneWave)
         if isinstance(light, PointSource) and not light.position[2] < 0:
             raise ArgumentError(
                 "the point source must lie in front of the screen, at z < 0, got the position "
@@ -248,11 +242,7 @@ def field_of_screen(
 
     Raises ArgumentError unless ``method`` is a boundary condition.
     """
-    if method not in CONDITIONS:
-        raise ArgumentError(
-            f"the field behind a screen requires one of the methods {', '.join(CONDITIONS)}, got "
-            f"{method!r}"
-        )
+    checked_choice(method, "the method behind a screen", CONDITIONS)
     light = screen.illuminated_by
     if isinstance(light, PointSource):
         mirrored = CONDITIONS[method].mirrored
@@ -280,8 +270,5 @@ def _three_numbers(value: Any, name: str, meaning: str) -> tuple[float, float, f
 
 def _checked_amplitude(value: complex) -> complex:
     """Return an amplitude as a float or complex; raise ArgumentError unless it is finite."""
-    if not isinstance(value, numbers.Number) or not np.isfinite(complex(value)):
-        raise ArgumentError(
-            f"expected amplitude to be a finite complex number, got {value_text(value)}"
-        )
-    return value if isinstance(value, float) else complex(value)
+    number = complex(complex_array(value, "expected amplitude to be a finite complex number", ()))
+    return value if isinstance(value, float) else number

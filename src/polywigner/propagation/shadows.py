@@ -32,8 +32,8 @@ from polywigner.kernels.boundary.edge_waves import (
     cross,
     difference,
     dot,
+    edge_change,
     edge_wave,
-    edge_wave_and_rate,
     path_over,
 )
 from polywigner.kernels.kernel import Values
@@ -48,8 +48,8 @@ from polywigner.propagation.conducting_sheets import (
 from polywigner.propagation.edge_sums import EdgeSum, Targets
 from polywigner.propagation.equivalent_points import (
     RadiatingPoint,
-    oblique_change,
     radiating_points,
+    spherical_wave,
     wave_ahead,
 )
 
@@ -364,18 +364,13 @@ def _edge(
     path = source, point, start, end, aside
     sides: dict[str, Any] = {"blocked": blocked, "in_front": in_front}
     ahead = tuple(a - b for a, b in zip(point, source, strict=True))
-    bend = Pair(0.0, 0.0)
-    if is_oblique:
-        boundary, rate = edge_wave_and_rate(ops, rule, *path, **sides)
-        bend = oblique_change(ops, ahead, field, rate)
-    else:
-        boundary = Pair(*edge_wave(ops, rule, *path, **sides))
-    off = 0.0 * boundary.real
+    dipole = spherical_wave(ops, ahead) * Pair(*field) if is_oblique else None
     wave = wave_ahead(ops, ahead, field, slope)
+    change, boundary = edge_change(ops, rule, wave, dipole, *path, **sides)
+    off = 0.0 * boundary.real
     if coarser is not None:
-        other = boundary - Pair(*edge_wave(ops, coarser, *path, **sides))
+        other = boundary - edge_wave(ops, coarser, *path, **sides)
         off = ops.sqrt(wave.norm() * other.norm()) / (2.0 * math.pi)
-    change = (wave * boundary).scaled(-0.5 / math.pi) + bend
     if is_blocked:
         change = change * Pair(*sample[8:10])
         return change.real, change.imag, off

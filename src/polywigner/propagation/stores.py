@@ -31,7 +31,7 @@ from polywigner.errors import (
 )
 from polywigner.execution import MOST_THREADS, kernel_threads
 from polywigner.execution.progress import progress_bar
-from polywigner.geometry.arguments import checked_count, checked_path, in_place
+from polywigner.geometry.arguments import check_most, checked_count, checked_path, in_place
 from polywigner.interruption import atomic_path
 from polywigner.source.source_files import SOURCE_COORDINATE, source_json
 from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
@@ -156,11 +156,8 @@ def _in_memory(
     name: str, block: Block, shape: Index, dtype: DTypeLike, block_size: int, progress: bool | None
 ) -> NDArray[Any]:
     """Compute all blocks of a variable, and return its values."""
-    if math.prod(shape) > _MOST_IN_MEMORY:
-        raise ArgumentError(
-            f"expected at most {_MOST_IN_MEMORY} samples in memory, got {math.prod(shape):.3g}; "
-            "pass chunks for a lazy result, or out to write it to disk"
-        )
+    remedy = "pass chunks for a lazy result, or out to write it to disk"
+    check_most(math.prod(shape), _MOST_IN_MEMORY, "samples in memory", remedy)
     values, size = np.empty(shape, dtype), chunks_within(shape, block_size)
     origins = list(product(*(range(0, n, c) for n, c in zip(shape, size, strict=True))))
     with progress_bar(name, len(origins), show=progress) as advance:

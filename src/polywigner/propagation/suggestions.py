@@ -12,12 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError, value_text
 from polywigner.geometry import Aperture, Slits, Wavefront
 from polywigner.geometry.arguments import (
+    check_most,
     checked_choice,
     checked_length,
     checked_number,
+    checked_type,
     checked_wavelength,
+    only_given,
     takes_frequency,
-)  # fmt: skip
+)
 from polywigner.geometry.rings import sides_of
 from polywigner.numerics import Floats
 from polywigner.propagation.point_grids import box_grid, line_grid, unit_vectors
@@ -222,24 +225,17 @@ def suggest_sampling(
             ends = (("theta", math.pi / 2), ("phi", 2 * math.pi))
             bands = [(name, "rad", 0.0, end, step, True) for name, end in ends]
         else:
-            chosen = {name: region for name, region in regions.items() if region is not None}
-            if len(chosen) != 1:
-                raise ArgumentError(
-                    f"expected exactly one of {', '.join(regions)} to specify the points of the "
-                    f"field, got {' and '.join(chosen) or 'none'}"
-                )
-            bands = _field_bands(plane.bounds, length, quantity == "amplitude", *chosen.popitem())
+            where = only_given(regions, purpose=" to specify the points of the field")
+            is_amplitude = quantity == "amplitude"
+            bands = _field_bands(plane.bounds, length, is_amplitude, where, regions[where])
     axes = tuple(_axis(band, finer) for band in bands)
     return Sampling(quantity, axes, math.prod(axis.count for axis in axes))
 
 
 def _phase_space_bands(source: Any, wavelength: Any, quantity: str, reach: Any) -> list[Band]:
     """Return the axes of F, |F|^2, W or A."""
-    if not isinstance(source, Aperture | Slits | Array):
-        raise ArgumentError(
-            "expected an Aperture, Slits, or an Array of either in one plane, got "
-            f"{type(source).__name__}"
-        )
+    expected = "an Aperture, Slits, or an Array of either in one plane"
+    checked_type(source, expected, Aperture, Slits, Array)
     if reach is not None:
         most = checked_length(reach, "reach")
     elif wavelength is None:
@@ -279,11 +275,8 @@ def _axis(band: Band, oversampling: float) -> AxisSampling:
     """Return the evenly spaced axis of a band; raise ArgumentError for too many samples."""
     name, unit, low, high, nyquist, band_limited = band
     steps = (high - low) / nyquist * oversampling if nyquist > 0 else math.inf
-    if not steps < _MOST_SAMPLES:
-        raise ArgumentError(
-            f"the axis {name} would need {steps:.3g} samples, more than {_MOST_SAMPLES}; check "
-            "the units of the wavelength and of the positions"
-        )
+    remedy = "check the units of the wavelength and of the positions"
+    check_most(steps, _MOST_SAMPLES, f"samples along the axis {name}", remedy)
     count = 1 if high == low else max(1, math.ceil(steps * (1 - 1e-12))) + 1
     if low == -high and count % 2 == 0:
         count += 1

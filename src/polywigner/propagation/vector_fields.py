@@ -25,9 +25,9 @@ from polywigner import execution
 from polywigner.execution import Engine, Precision
 from polywigner.execution.choice import resolved
 from polywigner.geometry import Aperture, Wavefront
-from polywigner.geometry.arguments import checked_wavelength, takes_frequency
+from polywigner.geometry.arguments import checked_choice, checked_wavelength, takes_frequency
 from polywigner.kernels.boundary.integrals import STRIPS, distance_of, point_in_wavelengths
-from polywigner.numerics import Complex, Floats, phases
+from polywigner.numerics import Complex, Floats, index_blocks, phases
 from polywigner.propagation.boundary import (
     Radiator,
     boundary_field,
@@ -38,7 +38,6 @@ from polywigner.propagation.boundary import (
 )
 from polywigner.propagation.curved_fields import field_at_nodes, summed_over_cells
 from polywigner.propagation.point_grids import (
-    checked_method,
     checked_points,
     tolerance_from,
     warn_of_missed,
@@ -165,7 +164,7 @@ def field(
     >>> abs(pw.field(square, (0.0, 0.05, 0.1), 3.2e-3, "y", "magnetic")).round(4)
     array([0.    , 0.0545, 0.0269])
     """
-    name = checked_method(method, MODELS)
+    name = checked_choice(method, "method", MODELS)
     check_no_drjit(source=source, points=points, wavelength=wavelength)
     positions, length = checked_points(points), checked_wavelength(wavelength)
     allowed = tolerance_from(tolerance)
@@ -246,15 +245,13 @@ def _near_field(
         ``factor`` is a function of the direction cosines (m, 2) of the plane waves, and returns the
         factor of each wave.
         """
-        base, elements = without_grazing if method == SECOND else radiator, []
-        for element in base.elements:
-            factors = factor(element.frequencies * wavelength)
-            if method == SECOND:
-                factors = factors / cosines_of(element.frequencies, wavelength, False)
-            elements.append(replace(element, amplitudes=element.amplitudes * factors))
-        if not any(element.amplitudes.any() for element in elements):
+        scaled = (without_grazing if method == SECOND else radiator).times(
+            lambda kappa: factor(kappa * wavelength)
+        )
+        if method == SECOND:
+            scaled = scaled.times(lambda kappa: 1 / cosines_of(kappa, wavelength, False))
+        if not any(element.amplitudes.any() for element in scaled.elements):
             return np.zeros(len(points), np.complex128)
-        scaled = replace(base, elements=tuple(elements))
         allowed = max(_LEAST, min(1.0, radiator.amplitude / scaled.amplitude) * tolerance)
         values, error, limit = boundary_field(scaled, points, wavelength, method, allowed, "auto")
         errors[:] += error
@@ -378,9 +375,8 @@ def edge_integrals(
         ):
             along = (rows[:, 5:7] * rows[:, 2:4]).sum(axis=1)
             columns = [*rows[:, :5].T, along, rows[:, 11]]
-            step = max(1, _PAIRS // len(rows))
-            for start in range(0, len(where), step):
-                block = where[start : start + step]
+            for some in index_blocks(len(where), _PAIRS // len(rows)):
+                block = where[some]
                 pairs = [*relative[block].T[..., None], *(column[None] for column in columns)]
                 sums = execution.evaluate(
                     STRIPS,

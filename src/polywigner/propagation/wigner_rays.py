@@ -15,11 +15,11 @@ import numpy as np
 import shapely
 
 from polywigner import execution
-from polywigner.errors import ArgumentError
 from polywigner.execution import Engine
 from polywigner.geometry import Aperture, Wavefront
-from polywigner.geometry.arguments import warn_caller
+from polywigner.geometry.arguments import check_most, warn_caller
 from polywigner.geometry.parts import grid_size, polygons_in
+from polywigner.geometry.rings import edges_of_rings
 from polywigner.kernels import Kernel, kernel_for
 from polywigner.kernels.functions.slices import SliceSum
 from polywigner.kernels.kernel import Values
@@ -126,7 +126,9 @@ def irradiance_by_rays(
     triangles = _triangles(flat)
     for step in np.unique(steps):
         rate, group = float(step) * _RATE_STEP / wavelength, np.flatnonzero(steps == step)
-        _check_nodes(triangles, rate, wavelength)
+        count = node_count(triangles, rate, _LEVELS[0])  # of the coarsest rule
+        remedy = f"use method={DEFAULT!r}, which is exact, and check the unit of the wavelength"
+        check_most(count, _MOST_NODES, "quadrature nodes for Wigner rays to these points", remedy)
         values[group], errors[group] = _refined_sums(
             node_sum, triangles, rate, points[group], clearance[group], allowed, floor[group]
         )
@@ -218,18 +220,6 @@ def _refined_sums(
     return values, errors
 
 
-def _check_nodes(triangles: Triangles, rate: float, wavelength: float) -> None:
-    """Raise ArgumentError if the coarsest rule has too many nodes."""
-    count = node_count(triangles, rate, _LEVELS[0])
-    if not count <= _MOST_NODES:
-        across = float(np.ptp(triangles.reshape(-1, 2), axis=0).max()) / wavelength
-        raise ArgumentError(
-            f"a source of {across:.3g} wavelengths is too large for Wigner rays to these points, "
-            f"which require {count:.2g} quadrature nodes; use method={DEFAULT!r}, which is exact, "
-            "and check the unit of the wavelength"
-        )
-
-
 def _phase_rates(source: PlaneSource | Wavefront, wavelength: float, points: Floats) -> Floats:
     """Return the highest spatial frequency in 1/m of the integrand for each point, shape (n,)."""
     form = normal_form(source)
@@ -265,10 +255,9 @@ def _kinks(source: Aperture | Array) -> Floats | None:
         grid = grid_size(positions) if positions.any() else 1.0
         means = np.unique(np.rint(means / grid), axis=0) * grid
     rings = [ring for element in elements for ring in element.rings]
-    vertices = np.concatenate(rings)
+    vertices, ends = edges_of_rings(rings)
     if len(means) * len(vertices) ** 2 > _MOST_KINKS:
         return None
-    ends = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
     first = vertices[:, None] / 2 + vertices / 2
     second = vertices[:, None] / 2 + ends / 2
     segments = np.stack([first, second], axis=-2).reshape(-1, 2, 2)

@@ -18,7 +18,7 @@ import shapely
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution.progress import slow_bar
 from polywigner.geometry import Aperture, Slits, Wavefront
-from polywigner.geometry.arguments import checked_number, finite_array
+from polywigner.geometry.arguments import check_most, checked_number, finite_array
 from polywigner.numerics import Floats, Indices, blocks_by_size
 from polywigner.numerics.nodes import uniform_rule
 from polywigner.quantities import SPEED_OF_LIGHT
@@ -33,19 +33,13 @@ from polywigner.transforms.wavefronts import checked_wavefront, flat_source
 # Largest product of bandwidth and propagation time across the source. The mean over the band takes
 # about this number of wavelengths.
 _MOST_SPREAD = 500.0
-_MEANING = "a bandwidth in Hz above zero, and less than twice the frequency"
 
 
 def checked_bandwidth(bandwidth: Any, wavelength: float) -> float:
     """Return a bandwidth in Hz; raise ArgumentError unless it is below twice the frequency."""
-    width = checked_number(bandwidth, "bandwidth", _MEANING)
-    carrier = SPEED_OF_LIGHT / wavelength
-    if not 0 < width < 2 * carrier:
-        raise ArgumentError(
-            f"expected {_MEANING} of {carrier:.4g} Hz, got {bandwidth!r}; omit bandwidth for a "
-            "single wavelength"
-        )
-    return width
+    most = 2 * SPEED_OF_LIGHT / wavelength
+    meaning = f"a number of Hz above zero and below {most:.4g} Hz, twice the frequency"
+    return checked_number(bandwidth, "bandwidth", meaning, lambda x: 0 < x < most)
 
 
 def wavelengths_of_band(
@@ -58,13 +52,9 @@ def wavelengths_of_band(
     too wide.
     """
     spread = bandwidth * lag / SPEED_OF_LIGHT
-    if not spread <= _MOST_SPREAD:
-        raise ArgumentError(
-            f"a source of {lag:.4g} m allows a bandwidth of at most "
-            f"{_MOST_SPREAD * SPEED_OF_LIGHT / lag:.4g} Hz, got {bandwidth:g} Hz, which would "
-            f"require an average over about {spread:.3g} wavelengths; check its unit, or divide "
-            "the band"
-        )
+    things = f"Hz of bandwidth for a source of {lag:.4g} m"
+    most = _MOST_SPREAD * SPEED_OF_LIGHT / lag
+    check_most(bandwidth, most, things, "check the unit, or divide the band")
     nodes, weights = uniform_rule(math.pi * spread, error)
     frequencies = SPEED_OF_LIGHT / wavelength + bandwidth / 2 * nodes
     return list(zip((SPEED_OF_LIGHT / frequencies).tolist(), weights.tolist(), strict=True))
@@ -128,16 +118,17 @@ def checked_plane_positions(x: Any) -> Floats:
     return finite_array(x, "expected finite positions x of shape (..., 2)", (..., 2))
 
 
-# Largest source size [wavelengths]. A square of this size requires 1.5e11 directions, half a day on
-# two cores.
+# Largest source size [wavelengths]. A square of this size requires 1.5e11 directions, which take
+# half a day on two cores.
 _MOST_WAVELENGTHS = 1e5
-# Directions per block, which take a few MB.
+# Number of directions per block; a block takes a few MB.
 _BLOCK = 1 << 17
 
 # Source size [wavelengths] above which the integral over lags is used, because sums over directions
 # would take seconds.
 _WIDE = 600.0
-# Relative difference between the powers from the two cut-offs above which directions are summed.
+# Largest accepted relative difference between the powers from the two cut-offs. If the difference
+# is larger, the power is a sum over directions.
 _SAME = 1e-6
 # Largest spatial frequency of a field for the integral over lags, as a fraction of 1/wavelength.
 _STEEP = 0.8
@@ -149,9 +140,10 @@ _ENDS = (4.5, 6.5)
 # Distance from the larger cut-off lag to the end of the integral, in units of the cut-off width.
 # Longer lags contribute 1e-14.
 _BEYOND = 5.5
-# Number of edge directions above which lag angles are spaced evenly, not divided into panels.
+# Largest number of edge directions for which lag angles are divided into panels; otherwise, the
+# angles are evenly spaced.
 _MOST_KINKS = 48
-# Smallest number of Gauss nodes per panel of angles, and number per wavelength of lag.
+# Smallest number of Gauss nodes per panel of angles, and number of nodes per wavelength of lag.
 _ON_PANEL, _ON_PERIOD = 8, 12
 # Largest phase [rad] per panel of theta, because computing n Gauss nodes takes a time of order n^3.
 _PANEL = 400.0
@@ -190,21 +182,21 @@ def longest_path(source: PlaneSource | Wavefront) -> float:
 
 def check_width(lag: float, wavelength: float) -> None:
     """Raise ArgumentError if a source of size ``lag`` is wider than 100,000 wavelengths."""
-    if not lag / wavelength <= _MOST_WAVELENGTHS:
-        raise ArgumentError(
-            f"the source is {lag / wavelength:.3g} wavelengths wide, but integrals over "
-            f"directions allow at most {_MOST_WAVELENGTHS:.0e}; check the unit of the wavelength "
-            "(wide sources radiate all power except the fraction perimeter wavelength/area)"
-        )
+    remedy = (
+        "check the unit of the wavelength (wide sources radiate all power except the fraction "
+        "perimeter * wavelength / area)"
+    )
+    things = "wavelengths across a source for integrals over directions"
+    check_most(lag / wavelength, _MOST_WAVELENGTHS, things, remedy)
 
 
 def directions_and_weights(lag: float, wavelength: float) -> Iterator[tuple[Floats, Floats]]:
     """Yield quadrature nodes on the hemisphere: unit vectors (n, 3) and solid angles (n,).
 
     For a source of size ``lag`` in m, the rule integrates W or |F|^2, also multiplied by
-    polynomials in the vector components, with an error of 1e-14 of the largest value. It has about
-    15 (lag/wavelength)^2 nodes, at least a hundred. Raises ArgumentError for sources that are too
-    large.
+    polynomials in the vector components, with an error of 1e-14 of the largest value. The rule has
+    about 15 (lag/wavelength)^2 nodes, at least a hundred. Raises ArgumentError for sources that are
+    too large.
     """
     check_width(lag, wavelength)
     phase = 2 * math.pi * lag / wavelength
@@ -232,7 +224,7 @@ def _directions_on_rings(theta: Floats, weight: Floats, counts: Indices) -> tupl
 
 def _azimuth_counts(phase: Floats) -> Indices:
     """Return the numbers of azimuths for integrals of exp(i phase cos(phi)) cos(phi)^m, m <= 2."""
-    # The error 2 J_n(phase) is 3e-15. Constants fitted to phases from 0.1 to 3000.
+    # The error 2 J_n(phase) is 3e-15. The constants were fitted to phases from 0.1 to 3000.
     return np.ceil(phase + 11.0 * np.cbrt(phase) + 9.0).astype(np.intp)
 
 
@@ -257,7 +249,7 @@ def _polar_nodes(phase: float) -> tuple[Floats, Floats]:
 def power_by_lags(
     source: PlaneSource | Wavefront, wavelength: float, obliquity: str
 ) -> float | None:
-    """Return the power of a wide source in W as an integral over lags (E5).
+    """Return the power of a wide source in W as an integral over lags, equation (E5).
 
     Returns None if a sum over directions is required.
     """
@@ -304,7 +296,7 @@ def _lag_angles(source: PlaneSource | Wavefront, rate: float) -> tuple[Floats, F
 
     ``rate``: bound on the phase derivative of the autocorrelation with respect to the angle.
     """
-    # The autocorrelation has kinks at lags along edges.
+    # The autocorrelation has kinks at lags along edges, so panels of angles end at these lags.
     flat: Any = flat_source(source)
     rings = [ring for element in getattr(flat, "distinct", (flat,)) for ring in element.rings]
     along = np.concatenate([np.roll(ring, -1, axis=0) - ring for ring in rings])

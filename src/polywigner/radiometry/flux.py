@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.execution import Engine, Precision, checked_precision
 from polywigner.geometry import Wavefront
 from polywigner.geometry.arguments import checked_wavelength, takes_frequency
+from polywigner.numerics import index_blocks
 from polywigner.radiometry.directions import (
     PlaneSource,
     checked_bandwidth,
@@ -47,11 +48,11 @@ def radiance(
     """Return the radiance of a source at positions x in directions s.
 
     The radiance is ``L(x, s) = W(x, s_par/wavelength)/wavelength^2``, where W is the Wigner
-    function and s_par contains the first two components of s. Its integral over positions and
-    projected solid angle is the power (docs/radiometry.md, (E1)). Like W, it can be negative: only
-    integrals over position or direction are measurable. The paper defines the radiance as
-    W/(4 pi A lambda^2). The factor 4 pi is an error, and the division by the area A gives a mean
-    over the aperture (docs/corrections.md).
+    function and s_par contains the first two components of s. The integral of the radiance over
+    positions and projected solid angle is the power (docs/radiometry.md, (E1)). Like W, the
+    radiance can be negative: only integrals over position or direction are measurable. The paper
+    defines the radiance as W/(4 pi A lambda^2). The factor 4 pi is an error, and the division by
+    the area A gives a mean over the aperture (docs/corrections.md).
 
     Parameters
     ----------
@@ -59,8 +60,8 @@ def radiance(
         Source in the plane z = 0 with |u|^2 in W/m^2. A Wavefront may be curved or partially
         coherent.
     x : array_like, shape (..., 2)
-        Positions in m. They may lie outside the source, since W extends over the automean of the
-        source.
+        Positions in m. Positions may lie outside the source, since W extends over the automean of
+        the source.
     direction : array_like, shape (..., 3)
         Unit vectors with z >= 0; they broadcast against ``x``.
     wavelength : float
@@ -111,8 +112,8 @@ def radiant_intensity(
     """Return the radiant intensity of a source in directions s.
 
     The radiant intensity is ``cos(theta) |F(s_par/wavelength)|^2/wavelength^2``, where F is the
-    Fourier transform of the field, and s_par contains the first two components of s. Its integral
-    over the hemisphere is :func:`power` (docs/radiometry.md, (E2)).
+    Fourier transform of the field, and s_par contains the first two components of s. The integral
+    of the radiant intensity over the hemisphere is :func:`power` (docs/radiometry.md, (E2)).
 
     Parameters
     ----------
@@ -149,12 +150,13 @@ def radiant_intensity(
         band = checked_bandwidth(bandwidth, length)
         parts = wavelengths_of_band(length, band, longest_path(radiator), _BAND_ERROR)
         how: dict[str, Any] = {"precision": precision, "engine": engine}
-        # The phases due to path lengths differ between wavelengths.
+        # Each wavelength is a separate call, because phases due to path lengths depend on
+        # wavelength.
         total = sum(w * radiant_intensity(radiator, directions, node, **how) for node, w in parts)
         return np.asarray(total)[()]
 
     def squared_spectrum(source: PlaneSource | Wavefront, nu: NDArray[np.float64]) -> Any:
-        """Return |F|^2/wavelength^2 at frequencies."""
+        """Return |F|^2/wavelength^2 at spatial frequencies."""
         return np.square(np.abs(fourier(source, nu, precision=precision, engine=engine)) / length)
 
     nu = directions[..., :2] / length
@@ -167,7 +169,7 @@ def radiant_intensity(
     return (directions[..., 2] * squares).astype(squares.dtype, copy=False)[()]
 
 
-# Radiance values per block, which take 32 MB.
+# Number of radiance values per block, which take 32 MB.
 _BLOCK = 1 << 22
 
 
@@ -184,7 +186,7 @@ def flux_vector(
     the :func:`radiance`. J_z is the radiated power per area, to which only waves with
     |nu| < 1/wavelength contribute (docs/radiometry.md, (E3)). J_z can be negative, and is not zero
     outside the source. The components along the plane are zero for fields that are real up to a
-    constant phase. In the paper the z component of the direction is missing.
+    constant phase. The formula in the paper lacks the z component of the direction.
 
     Parameters
     ----------
@@ -224,9 +226,7 @@ def flux_vector(
     total = np.zeros((len(rows), 3))
     for directions, solid_angle in directions_and_weights(largest_lag(radiator), length):
         weighted = directions * solid_angle[:, None]
-        size = max(1, _BLOCK // len(directions))
-        for first in range(0, len(rows), size):
-            block = slice(first, first + size)
+        for block in index_blocks(len(rows), _BLOCK // len(directions)):
             values = radiance(radiator, rows[block], directions, length, engine=engine)
             total[block] += values @ weighted
     return total.reshape(*positions.shape[:-1], 3)
@@ -236,7 +236,7 @@ def flux_vector(
 def power(source: PlaneSource | Wavefront, wavelength: float, *, engine: Engine = "auto") -> float:
     """Return the power that a source radiates through a distant hemisphere.
 
-    The power is the integral of :func:`radiant_intensity` over the hemisphere. It equals the
+    The power is the integral of :func:`radiant_intensity` over the hemisphere. The power equals the
     integral of |u|^2 over the source without its evanescent part (docs/radiometry.md, (E4)).
 
     Parameters

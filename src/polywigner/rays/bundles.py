@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, FileFormatError, at_key
 from polywigner.geometry.arguments import (
+    check_most,
     checked_count,
     checked_flag,
     checked_number,
@@ -24,8 +25,9 @@ from polywigner.geometry.arguments import (
     shape_of,
     warn_caller,
 )
-from polywigner.geometry.io.limits import check_regular
-from polywigner.numerics import Floats
+from polywigner.geometry.io.limits import check_regular, checked_suffix
+from polywigner.numerics import Floats, index_blocks
+from polywigner.transforms.xarray_arguments import arrays_of
 
 if TYPE_CHECKING:
     import xarray
@@ -119,22 +121,8 @@ def checked_bundle(rays: Any) -> tuple[Floats, Floats, Floats, NDArray[Any] | No
     contain NaN. Raises ArgumentError for other datasets, and for directions that are not unit
     vectors.
     """
-    import xarray
-
-    if not isinstance(rays, xarray.Dataset) or not set(_VARIABLES) <= set(rays.variables):
-        raise ArgumentError(
-            "expected rays to be a dataset with position, direction and weight, got "
-            f"{type(rays).__name__}; create it with sample_rays or rays.load"
-        )
-    axes, variables = ("ray", "component"), [rays[name] for name in _VARIABLES]
-    try:
-        arrays = [variable.transpose(*axes[: variable.ndim]).values for variable in variables]
-    except ValueError:
-        got = ", ".join(f"{variable.name} with {variable.dims}" for variable in variables)
-        raise ArgumentError(
-            "the dataset of rays must have position and direction with axes (ray, component), "
-            f"and weight with axis (ray); got {got}"
-        ) from None
+    axes = dict(zip(_VARIABLES, ("ray component", "ray component", "ray"), strict=True))
+    arrays = arrays_of(rays, axes, "polywigner.sample_rays or polywigner.rays.load")
     batch = rays["batch"].values if "batch" in rays.coords else None
     return *_columns(len(arrays[2]), *arrays), batch
 
@@ -152,7 +140,7 @@ def _columns(count: int, *values: Any) -> tuple[Floats, Floats, Floats]:
         columns.append(real_array(value, f"expected {name} of shape {shape}", shape))
     position, direction, weight = columns
     with np.errstate(over="ignore"):
-        # False for lost rays, which contain NaN.
+        # The comparison is false for lost rays, which contain NaN.
         wrong = np.abs(np.linalg.norm(direction, axis=1) - 1) > _UNIT
     if wrong.any():
         raise ArgumentError(
@@ -164,7 +152,7 @@ def _columns(count: int, *values: Any) -> tuple[Floats, Floats, Floats]:
 
 _MOST_ALONG_AXIS = 1 << 14
 _MOST_PIXELS = 1 << 22
-# Rays per block, which take about 100 MB.
+# Number of rays per block; a block takes about 100 MB.
 _BLOCK = 1 << 20
 # Distance behind the plane that counts as a rounding error, relative to the largest coordinate.
 _ON_PLANE = 1e-9
@@ -240,8 +228,7 @@ def rebuild(
     # The last entry is the sum over all pixels.
     sums, squares = np.zeros((batches, pixels + 1)), np.zeros(pixels + 1)
     lost = missed = 0
-    for start in range(0, len(weight), _BLOCK):
-        block = slice(start, start + _BLOCK)
+    for block in index_blocks(len(weight), _BLOCK):
         columns = np.column_stack([position[block], direction[block], weight[block]])
         is_lost = ~np.isfinite(columns).all(axis=1)
         x, y = _pixel_coordinates(position[block], direction[block], pose, edges, virtual).T
@@ -313,7 +300,7 @@ def _plane_pose(plane: Any) -> Floats:
     """Return the pose (4, 4) of a plane, specified by a pose or by its z in m."""
     if shape_of(plane) == "()":
         pose = np.eye(4)
-        pose[2, 3] = checked_number(plane, "plane", "its z in m, or a (4, 4) pose")
+        pose[2, 3] = checked_number(plane, "plane", "a z coordinate in m, or a (4, 4) pose")
         return pose
     return rigid_pose(plane)
 
@@ -327,10 +314,7 @@ def _pixel_edges(bounds: Any, shape: Any) -> tuple[Floats, Floats]:
     if not isinstance(shape, (tuple, list)) or len(shape) != 2:
         raise ArgumentError(f"expected shape to be two integers, (nx, ny) in pixels, got {shape!r}")
     nx, ny = (checked_count(n, "shape", 1, _MOST_ALONG_AXIS) for n in shape)
-    if nx * ny > _MOST_PIXELS:
-        raise ArgumentError(
-            f"expected at most {_MOST_PIXELS} pixels, got {nx} x {ny}; use fewer pixels"
-        )
+    check_most(nx * ny, _MOST_PIXELS, "pixels", "use fewer pixels")
     return np.linspace(row[0], row[2], nx + 1), np.linspace(row[1], row[3], ny + 1)
 
 
@@ -353,7 +337,8 @@ _MICROMETRE = 1e-6
 # Sign of the powers, suffix of the file name, and description in the header.
 _SIGNED = 1, "", "signed"
 _SPLIT = (1, "_positive", "positive part"), (-1, "_negative", "negative part, to be subtracted")
-# Description in headers of polywigner's files: number of drawn rays, and sign of their powers.
+# Pattern of descriptions in headers of polywigner's files: number of drawn rays, and sign of their
+# powers.
 _OURS = re.compile(r"polywigner rays of (\d+): (signed|positive|negative)")
 
 
@@ -411,11 +396,8 @@ def save(
 def _checked_file(path: str | os.PathLike[str]) -> Path:
     """Return an absolute path; raise ArgumentError unless its suffix is .dat."""
     file = checked_path(path)
-    if file.suffix.lower() != ".dat":
-        raise ArgumentError(
-            f"the suffix of a ray file must be .dat, got {file.name!r}; to store rays for "
-            "polywigner, use polywigner.write_netcdf and xarray.load_dataset"
-        )
+    remedy = "to store rays, use polywigner.write_netcdf and xarray.load_dataset"
+    checked_suffix(file, [".dat"], remedy, ArgumentError)
     return file
 
 
@@ -504,12 +486,10 @@ def load(path: str | os.PathLike[str]) -> xarray.Dataset:
     if len(content) < _HEADER.itemsize:
         raise wrong(f"a file of {len(content)} bytes")
     header = np.frombuffer(content, _HEADER, 1)[0]
-    if header["Identifier"] not in _IDENTIFIERS:
-        raise wrong(f"the identifier {header['Identifier']}")
     columns = _NUMBERS.get(int(header["ray_format_type"]))
     unit, count = int(header["DimensionUnits"]), int(header["NbrRays"])
-    if columns is None or not 0 <= unit < len(_METRES):
-        raise wrong(f"ray format {header['ray_format_type']} with unit of length {unit}")
+    if header["Identifier"] not in _IDENTIFIERS or columns is None or not 0 <= unit < len(_METRES):
+        raise wrong("another identifier, ray format or unit of length")
     if header["flux_type"] != 0:
         raise wrong("powers in lumens, not in watts")
     size = len(content) - _HEADER.itemsize
@@ -529,7 +509,7 @@ def load(path: str | os.PathLike[str]) -> xarray.Dataset:
         raise wrong("directions or powers that are NaN")
     if not direction.any(axis=1).all():
         raise wrong("directions of length zero")
-    # Single precision has errors of 6e-8.
+    # Directions are normalised again, because single precision has errors of 6e-8.
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     if ours := _OURS.match(header["Description"].decode("utf-8", "replace")):
         attrs["count"] = int(ours[1])

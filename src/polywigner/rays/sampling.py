@@ -94,7 +94,7 @@ def sample_automean(
     >>> positions.shape, round(float(density.sum()), 6)
     ((100, 2), 100.0)
     """
-    # Curvature does not change the support.
+    # The curvature of a wave does not change the automean.
     flat: Any = flat_source(source)
     numbers = _checked_numbers(samples, kernel_for("wigner", flat).dimension, seed)
     support = _automean(flat)
@@ -103,7 +103,8 @@ def sample_automean(
         part, u = _chosen(ends - begins, numbers[:, 0])
         positions = (begins[part] + u * (ends - begins)[part])[:, None]
         return positions, np.full(len(positions), 1.0 / support.length)
-    # Coordinates far from the origin would lose digits.
+    # Positions are relative to the centre, because coordinates far from the origin would lose
+    # digits.
     cells = trapezoids([ring - support.centre for ring in support.rings])
     part, u = _chosen(cells.areas, numbers[:, 0])
     row = [column[part] for column in cells]
@@ -123,7 +124,7 @@ def _checked_numbers(samples: Any, columns: int, seed: Any) -> Floats:
         return checked_generator(seed).random((count, columns))
     expected = f"expected samples to be a count, or numbers of shape (n, {columns}) in [0, 1)"
     array = real_array(samples, expected, (None, columns))
-    # False for NaN.
+    # The comparison is also false for NaN.
     inside = (array >= 0.0) & (array < 1.0)
     if not inside.all():
         raise ArgumentError(f"{expected}, got {array[~inside][0]}")
@@ -159,7 +160,7 @@ def _chosen(sizes: Floats, numbers: Floats) -> tuple[NDArray[np.intp], Floats]:
 RaySampling = Literal["uniform", "quasi-random"]
 
 
-# Rays per block, which take about 200 MB.
+# Number of rays per block; a block takes about 200 MB.
 _BLOCK = 1 << 20
 # Number of independent sets of quasi-random numbers, whose scatter estimates the standard error to
 # a fifth.
@@ -176,7 +177,7 @@ def _random_blocks(
 ) -> Iterator[tuple[Floats, int | None]]:
     """Yield blocks of random numbers in [0, 1), shape (m, 4 + tilts), and the batch index or None.
 
-    Columns: direction (2), position (2), tilt (``tilts``).
+    The columns are direction (2), position (2) and tilt (``tilts``).
     """
     generator = checked_generator(seed)
     if sampling != "quasi-random":
@@ -197,7 +198,7 @@ def _normal_numbers(numbers: Floats) -> Floats:
     """Map uniform numbers (n, 2) continuously to standard normal numbers (Box and Muller 1958)."""
     plane = _disc_points(numbers)
     square = (plane**2).sum(axis=1)
-    # Keep results at the rim of the disc finite.
+    # The limit keeps results at the rim of the disc finite.
     normal_square = -2 * np.log1p(-np.minimum(square, 1 - np.finfo(np.float64).epsneg))
     unset = np.full_like(square, 2.0)
     return np.asarray(plane * _root_of_ratio(normal_square, square, unset)[:, None])
@@ -258,11 +259,7 @@ def cone_of(half_angle: Any, axis: Any, width: float) -> Cone:
     angle = math.pi / 2
     if half_angle is not None:
         angle = checked_number(half_angle, "cone", meaning, lambda x: 0 < x <= math.pi / 2)
-    vector = checked_unit_vectors("axis", axis)
-    if vector.ndim > 1:
-        raise ArgumentError(
-            f"expected axis to be a single unit vector (3,), got shape {vector.shape}"
-        )
+    vector = checked_unit_vectors("axis", axis, 3)
     vector = vector / np.linalg.norm(vector)
     tilt = math.atan2(math.hypot(*vector[:2]), vector[2])
     if tilt + angle > math.pi / 2 * (1 + _UNIT):
@@ -277,7 +274,7 @@ def cone_of(half_angle: Any, axis: Any, width: float) -> Cone:
 def _rotation(axis: Floats) -> Floats:
     """Return a rotation matrix with ``axis`` as its last column; the identity for the z axis."""
     x, y, z = axis
-    # Duff et al. (2017). The denominator is not zero, since z >= 0.
+    # Orthonormal basis of Duff et al. (2017). The denominator is not zero, since z >= 0.
     a = -1.0 / (1.0 + z)
     b = x * y * a
     return np.array([[1 + x * x * a, b, x], [b, 1 + y * y * a, y], [-x, -y, z]])
@@ -305,7 +302,8 @@ def _concentrated(plane: Floats, core: float, centre: Floats | None) -> tuple[Fl
 def _squared_reach(plane: Floats, centre: Floats) -> Floats:
     """Return squared distances from centres to the unit circle in the directions ``plane``.
 
-    Both have the shape (n, 2); directions are of any length, and centres lie in the unit disc.
+    Directions and centres have the shape (n, 2). Directions have any length, and centres lie in the
+    unit disc.
     """
     length = np.hypot(*plane.T)
     along = np.divide(
@@ -313,7 +311,7 @@ def _squared_reach(plane: Floats, centre: Floats) -> Floats:
     )
     inside = np.maximum(1.0 - (centre**2).sum(axis=1), 0.0)
     chord = np.sqrt(along**2 + inside)
-    # Avoid cancellation in chord - along.
+    # This form avoids cancellation in chord - along.
     radius = np.divide(inside, chord + along, out=chord - along, where=along > 0)
     return np.asarray(radius**2)
 
@@ -331,7 +329,7 @@ def _disc_points(numbers: Floats) -> Floats:
 
 Directions = Literal["beam", "uniform"]
 
-# Largest number of rays; they take 12 GB.
+# Largest number of rays, which take 12 GB.
 _MOST = 100_000_000
 
 
@@ -450,8 +448,8 @@ def sample_rays(
         points, per_area = sample_automean(flat, first[:, 2:])
         slope = None
         if isinstance(radiator, Wavefront):
-            # Curvature shifts the frequency of W by Q (x - c) (Q2). Tilts are normally distributed
-            # (PC4).
+            # The curvature shifts the frequency of W by Q (x - c), equation (Q2). The tilts are
+            # normally distributed, equation (PC4).
             slope = (points - radiator.centre) @ radiator.curvature
             if tilts:
                 slope += _normal_numbers(tilt) / (2 * math.pi * radiator.coherence_width)

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.parts import polygons_in
-from polywigner.numerics import Complex, Floats, Indices, sums_by_index
+from polywigner.numerics import Complex, Floats, Indices, index_blocks, sums_by_index
 from polywigner.numerics.chirps import waves_of_cycles
 from polywigner.numerics.nodes import NODES_PER_CYCLE, areas, gauss_rule, triangles_of
 from polywigner.radiometry.directions import largest_transverse_cosine
@@ -34,10 +34,11 @@ from polywigner.source.normal_form import normal_form
 
 # Area below which a clipped part counts as a rounding error, relative to the clipping box.
 _SLIVER = 1e-14
-# Ratio of the short to the long side of a box above which it is quartered. Longer boxes are halved.
+# Smallest ratio of the short to the long side of a box that is quartered. Longer boxes are halved.
 _SQUARE = 0.7
-# Nodes per cycle as a fraction of NODES_PER_CYCLE. This gives 2.5 nodes per cycle; Gauss rules need
-# pi/2. With 4 additional nodes, integrals of waves over triangles have errors of 1e-11 of the area.
+# Number of nodes per cycle, as a fraction of NODES_PER_CYCLE. This gives 2.5 nodes per cycle, while
+# Gauss rules need pi/2. With 4 additional nodes, integrals of waves over triangles have errors of
+# 1e-11 of the area.
 _NODE_RATIO = 0.7
 # Largest number of cached rules, each of which takes hundreds of kB.
 _MOST_CACHED = 256
@@ -72,7 +73,7 @@ class Cells:
     def halved(self, cells: Indices) -> tuple[Indices, Indices]:
         """Divide cells; return the new cells, and the indices of their parents in ``cells``.
 
-        Each cell is divided into two or four. Empty parts are omitted.
+        Each cell is divided into two or four cells. Empty parts are omitted.
         """
         distinct, number = np.unique(cells, return_inverse=True)
         halves = [self._halves(int(cell)) for cell in distinct]
@@ -84,8 +85,8 @@ class Cells:
         """Return a cell's nodes (n, 2) in wavelengths, and weights (n,) times the field.
 
         Weights are in square wavelengths. The rule integrates the product of a wave with ``rate``
-        cycles per wavelength and a polynomial of order ``order``. It has ``extra`` additional nodes
-        per side.
+        cycles per wavelength and a polynomial of order ``order``. The rule has ``extra`` additional
+        nodes per side.
         """
         longest = float((self.high[cell] - self.low[cell]).max())
         cycles = _NODE_RATIO * (rate + self.highest_frequency)
@@ -150,14 +151,14 @@ def cells_of(source: Any, wavelength: float) -> Cells:
     return Cells(source, wavelength)
 
 
-# Kernel or field values per block, which fit in the processor's cache.
+# Number of kernel or field values per block, which fit into the processor's cache.
 _BLOCK = 1 << 14
 # Number of terms in a matrix product above which BLAS starts threads, which would be slower.
 _PRODUCT = 1 << 18
-# Integrals M_i per block (64 MiB).
+# Number of integrals M_i of equation (RX3) per block, which take 64 MiB.
 _MOMENTS = 1 << 21
-# Frequencies are rounded up to multiples of this step [cycles per wavelength], so that different
-# poses use the same nodes.
+# Step to which frequencies are rounded up [cycles per wavelength], so that different poses use the
+# same nodes.
 _RATE_STEP = 0.125
 
 Pairs: TypeAlias = Any
@@ -254,7 +255,7 @@ class Links:
         return vectors
 
     def sums(self, pairs: Pairs, order: int) -> tuple[Complex, Floats]:
-        """Return the contribution of each pair to the coupling (RX3), and its sum of moduli.
+        """Return each pair's contribution to the coupling, equation (RX3), and its sum of moduli.
 
         Values are in square wavelengths. The phase due to the distance between the sources is
         omitted. ``order``: number q of nodes along each side of a cell.
@@ -269,20 +270,17 @@ class Links:
         return values, size
 
     def _blocks(self, pairs: Pairs, order: int) -> Iterator[tuple[slice, Complex, Complex, Sight]]:
-        """Yield slices of pairs, with M_i and M'_j of (RX3) and the distances between nodes."""
+        """Yield slices of pairs, M_i and M'_j of equation (RX3), and distances between nodes."""
         count = order * order
-        most = max(1, _MOMENTS // count)
         step = max(1, _BLOCK // count**2)
-        rows = max(1, _BLOCK // (step * count))
-        for begin in range(0, len(pairs), most):
-            part = pairs[begin : begin + most]
+        for several in index_blocks(len(pairs), _MOMENTS // count):
+            part = pairs[several]
             towards = self._between(part)
             towards /= np.linalg.norm(towards, axis=1)[:, None]
             back = np.einsum("nji,nj->ni", self.rotation[part.pose], towards)
             here = self._moments(self.transmitter, part.transmitter, -towards[:, :2], order)
             there = self._moments(self.receiver, part.receiver, back[:, :2], order)
-            for start in range(0, len(part), step):
-                local = slice(start, min(start + step, len(part)))
+            for local in index_blocks(len(part), step):
                 block_pairs = part[local]
                 ahead = towards[local, :, None]
                 x, from_x = _nodes(self.transmitter, block_pairs.transmitter, order)
@@ -292,13 +290,12 @@ class Links:
                 y, from_y = (nodes @ axes for nodes in receiver_nodes)
                 left = here[local] * waves_of_cycles((from_x @ ahead[:, :2])[..., 0])
                 right = there[local] * waves_of_cycles(-(from_y @ ahead)[..., 0])
-                block = slice(begin + local.start, begin + local.stop)
-                for first in range(0, count, rows):
-                    row = slice(first, first + rows)
+                block = slice(several.start + local.start, several.start + local.stop)
+                for row in index_blocks(count, _BLOCK // (step * count)):
                     yield block, left[:, row], right, Sight(x[:, row], y, offset, rotation)
 
     def _moments(self, cells: Cells, numbers: Indices, waves: Floats, order: int) -> Complex:
-        """Return the integrals M_i of (RX3), shape (n, q^2).
+        """Return the integrals M_i of equation (RX3), shape (n, q^2).
 
         ``waves`` (n, 2): frequencies f of the factors exp(2 pi i f.x) in cycles per wavelength,
         with x relative to the cell centres.
@@ -306,13 +303,11 @@ class Links:
         fastest = float(np.linalg.norm(waves, axis=1).max(initial=0.0))
         rate = float(np.ceil(fastest / _RATE_STEP) * _RATE_STEP)
         moments = np.zeros((len(numbers), order, order), np.complex128)
-        step = max(1, _PRODUCT // (2 * order * order))
         for cell in np.unique(numbers).tolist():
             (rows,) = np.nonzero(numbers == cell)
             points, weights = cells.nodes(cell, rate, order, self.extra)
             half, relative = (cells.high[cell] - cells.low[cell]) / 2, points - _centre(cells, cell)
-            for start in range(0, len(points), step):
-                part = slice(start, start + step)
+            for part in index_blocks(len(points), _PRODUCT // (2 * order * order)):
                 first, second = _lagrange(relative[part] / half, order)
                 size = 1 + len(rows) * first.size // _BLOCK
                 for block in np.array_split(rows, min(len(rows), size)):
@@ -324,7 +319,7 @@ class Links:
 
 
 def _nodes(cells: Cells, numbers: Indices, order: int) -> tuple[Floats, Floats]:
-    """Return interpolation nodes (n, q^2, 2) of cells, and the same relative to their centres.
+    """Return the interpolation nodes (n, q^2, 2) of cells, and the nodes relative to the centres.
 
     Lengths are in wavelengths. ``order``: number q of nodes along each side.
     """
@@ -338,8 +333,7 @@ def _contracted(left: Complex, real: Floats, imag: Floats, right: Complex) -> Co
     columns = np.stack([right.real, right.imag], axis=2)
     of_real, of_imag = real @ columns, imag @ columns
     inner = of_real[..., 0] - of_imag[..., 1] + 1j * (of_real[..., 1] + of_imag[..., 0])
-    result: Complex = (left * inner).sum(axis=1)
-    return result
+    return np.asarray((left * inner).sum(axis=1))
 
 
 def _centre(cells: Cells, numbers: Indices | int) -> Floats:
@@ -370,7 +364,7 @@ _ORDERS = np.array([2, 3, 4, 5, 6, 8, 10, 12, 15, 18, 22, 26, 32, 38, 46, 56])
 _MOST_PHASE = 70.0
 # Largest ratio of the sum of both cells' half diagonals to the distance between the cells.
 _MOST_RATIO = 4.0
-# Ratio of order to phase [rad] below which no digit is correct. Gauss rules require 1/2.
+# Ratio of order to phase [rad] below which no digit is correct. Gauss rules require a ratio of 1/2.
 _IDLE = 0.25
 # Rounding error of a pair, relative to its sum of moduli.
 _ROUNDING = 1e-15
@@ -379,7 +373,7 @@ _MOST_VALUES, _MOST_PAIRS = 1 << 29, 1 << 17
 
 
 def link_sums(links: Links, tolerance: float, floor: Floats) -> tuple[Complex, Floats, Floats]:
-    """Return ``int int u_t K u_r`` (RX3) for n poses, and their estimated and allowed errors.
+    """Return ``int int u_t K u_r`` for n poses, and the estimated and allowed errors.
 
     Values are in square wavelengths. The phase due to the distance is omitted. The allowed error is
     ``tolerance`` times the modulus or times ``floor`` (n,), whichever is larger. Raises
@@ -410,7 +404,7 @@ def link_sums(links: Links, tolerance: float, floor: Floats) -> tuple[Complex, F
 
 
 def _to_refine(parts: Pairs, allowed: Floats) -> NDArray[np.bool_]:
-    """Return a mask of pairs to refine; other errors add up to at most ``allowed`` per pose."""
+    """Return a mask of pairs to refine; all other errors add up to at most ``allowed`` per pose."""
     pose = parts.pose
     ordered = np.lexsort((parts.errors, pose))
     sums = np.cumsum(parts.errors[ordered])
@@ -422,7 +416,7 @@ def _to_refine(parts: Pairs, allowed: Floats) -> NDArray[np.bool_]:
 
 
 def _expected_error(links: Links, parts: Pairs) -> Floats:
-    """Return the expected errors at the highest order; infinite for pairs that already have it."""
+    """Return the expected errors at the highest order; infinite for pairs at this order."""
     idle = _IDLE * _phase(links, parts)
     falling = np.maximum(_ORDERS[np.maximum(parts.orders - 1, 0)] - idle, 1.0)
     size = np.maximum(np.maximum(np.abs(parts.values), parts.errors), 1e-300)
@@ -434,7 +428,7 @@ def _expected_error(links: Links, parts: Pairs) -> Floats:
 def _initial(links: Links, pairs: Pairs, digits: float) -> Pairs:
     """Evaluate pairs at the two lowest orders that may give ``digits`` correct decimal digits."""
     phase = _phase(links, pairs)
-    # Fitted to the lowest sufficient orders of squares at all distances.
+    # The formula was fitted to the lowest sufficient orders of squares at all distances.
     likely = 1 + digits / 3 + 0.8 * np.sqrt(phase)
     least = np.minimum(np.maximum(2 + _IDLE * phase, likely), _ORDERS[-2])
     orders = np.searchsorted(_ORDERS, least)
@@ -482,12 +476,11 @@ def _too_much(links: Links, pairs: Pairs) -> ArgumentError:
 def _phase(links: Links, pairs: Pairs) -> Floats:
     """Return the largest phase [rad] of the interpolated function along a coordinate."""
     here, there, distance = links.sizes(pairs)
-    result: Floats = 2 * math.pi * np.maximum(here, there) * (here + there) / distance
-    return result
+    return np.asarray(2 * math.pi * np.maximum(here, there) * (here + there) / distance)
 
 
 def _divided(links: Links, pairs: Pairs) -> Pairs:
-    """Divide pairs of cells until all can be interpolated with the available orders."""
+    """Divide pairs of cells until all pairs can be interpolated with the available orders."""
     small = pairs[:0]
     while len(pairs):
         here, there, distance = links.sizes(pairs)

@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner import execution
-from polywigner.errors import ArgumentError, GeometryError, IlluminationError, PolywignerError
+from polywigner.errors import ArgumentError, GeometryError, IlluminationError
 from polywigner.execution.progress import with_progress
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.arguments import (
+    checked_choice,
     checked_flag,
     checked_wavelength,
     rigid_poses,
@@ -24,10 +25,10 @@ from polywigner.geometry.arguments import (
     warn_of_distance,
 )
 from polywigner.kernels.boundary.integrals import distance_of, point_in_wavelengths
-from polywigner.numerics import Complex, Floats
+from polywigner.numerics import Complex, Floats, index_blocks
 from polywigner.numerics.phases import reduced
 from polywigner.propagation.far_fields import far_field, powers_of
-from polywigner.propagation.point_grids import checked_method, tolerance_from, warn_of_missed
+from polywigner.propagation.point_grids import tolerance_from, warn_of_missed
 from polywigner.propagation.vector_fields import polarised_parts, vector_powers
 from polywigner.radiometry.directions import checked_radiator, directions_and_weights, largest_lag
 from polywigner.reception.cell_pairs import Links, Sight, cells_of, link_sums
@@ -48,11 +49,12 @@ _TOLERANCE, _LEAST = 1e-6, 1e-12
 # Fraction of the largest coupling below which the tolerance is absolute, for example in pattern
 # nulls.
 _FLOOR = 1e-3
-# Poses per block.
+# Number of poses per block.
 _BLOCK = 64
-# Relative rounding error of (RX4).
+# Relative rounding error of Friis' formula with phase, equation (RX4).
 _ROUNDING = 1e-12
-# Additional nodes along each side of a cell for a tolerance of 1e-6, and for each further digit.
+# Number of additional nodes along each side of a cell for a tolerance of 1e-6, and for each further
+# digit.
 _NODES, _NODES_PER_DIGIT = 4.0, 0.5
 
 
@@ -121,8 +123,8 @@ def coupling(
     Parameters
     ----------
     transmitter, receiver : Aperture, Array or Wavefront
-        Sources in the plane z = 0 of their frames, with any illumination or curved wavefront.
-        Each radiates along +z of its frame.
+        Sources in the plane z = 0 of their frames, with any illumination or curved wavefront. Each
+        source radiates along +z of its frame.
     to_transmitter : array_like, shape (..., 4, 4)
         Rigid poses that map the receiver's frame into the transmitter's frame, with translations in
         m. Small deviations from a rigid pose are corrected.
@@ -132,7 +134,8 @@ def coupling(
         Boundary condition: "rayleigh-sommerfeld-1" (default), "rayleigh-sommerfeld-2" or
         "kirchhoff". "fraunhofer" is Friis' formula with phase, for the far-field patterns of
         "rayleigh-sommerfeld-1". For polarised sources, the equivalent currents: "huygens"
-        (default), "magnetic" or "electric", as in :func:`polywigner.field`, with the kernel (RX9).
+        (default), "magnetic" or "electric", as in :func:`polywigner.field`, with the kernel of
+        equation (RX9).
     tolerance : float, default 1e-6
         Allowed relative error, from 1e-12 to 0.1. The error is relative to |b| or to a thousandth
         of ``min(1, sqrt(A_t A_r)/(wavelength R))``, whichever is larger. This minimum is the
@@ -193,7 +196,7 @@ def coupling(
     for source in sources:
         checked_radiator(source)
     length, allowed = checked_wavelength(wavelength), checked_tolerance(tolerance)
-    counted = checked_normalise(normalise)
+    counted = checked_choice(normalise, "normalise", NORMALISATIONS)
     checked_flag(return_error, "return_error")
     jones = None if polarisation is None else checked_pair(polarisation, *sources)
     poses = rigid_poses(to_transmitter, "to_transmitter")
@@ -208,7 +211,7 @@ def coupling(
 
 @dataclass(frozen=True, eq=False)
 class _Link:
-    """Two sources, and the settings with which they are coupled."""
+    """Two sources, and the settings of their coupling."""
 
     sources: tuple[Any, Any]
     wavelength: float
@@ -235,24 +238,24 @@ class _Link:
             parts = list(map(polarised_parts, self.sources, self.jones))
         floor = 0.0 if self.method == "fraunhofer" else _FLOOR * self.norm("aperture")
         for sent, received in product(*parts):
-            with with_progress("links", range(0, len(poses), _BLOCK)) as starts:
-                for start in starts:
-                    block = slice(start, start + _BLOCK)
+            with with_progress("links", index_blocks(len(poses), _BLOCK)) as blocks:
+                for block in blocks:
                     terms = self._between(sent, received, poses[block], floor)
                     values[block] += terms[0]
                     errors[block] += terms[1]
                     limits[block] += terms[2]
-        # Couplings that would take too long raise their error before the norm is computed.
+        # The normalisation is computed last, because couplings that would take too long raise an
+        # error.
         norm = self.norm(self.normalise)
         return values / norm, errors / norm, limits / norm
 
     def _between(
         self, sent: Any, received: Any, poses: Floats, floor: float
     ) -> tuple[Complex, Floats, Floats | float]:
-        """Return unnormalised couplings of two parts of the sources, and both kinds of errors.
+        """Return unnormalised couplings of two parts of the sources, with their errors.
 
-        ``sent`` and ``received``: source and polarisation vector, None for scalar fields. The
-        couplings, the estimated errors and the allowed errors (n,) are in W. ``floor`` is in W:
+        ``sent`` and ``received``: a source and its polarisation vector (None for scalar fields).
+        The couplings, the estimated errors and the allowed errors (n,) are in W. ``floor`` is in W:
         couplings below ``floor`` times :meth:`_largest` have an absolute allowed error.
         """
         sources = sent[0], received[0]
@@ -285,10 +288,10 @@ class _Link:
     def _far(
         self, sources: tuple[Any, ...], centres: list[Floats], poses: Floats, offset: Floats
     ) -> Complex:
-        """Return unnormalised far-field couplings (RX4), without the phase due to the distance.
+        """Return unnormalised far-field couplings without the phase due to the distance.
 
         ``offset`` (n, 3): vectors in m from the transmitter's centre to the receiver's centre, in
-        the transmitter's frame. The result (n,) is in W.
+        the transmitter's frame. The result (n,) is in W, equation (RX4).
         """
         distance = np.linalg.norm(offset, axis=1)
         towards = offset / distance[:, None]
@@ -300,7 +303,7 @@ class _Link:
         return result
 
     def _largest(self, sources: tuple[Any, ...], offset: Floats) -> Floats:
-        """Return the largest coupling of two sources of these areas at each distance, at most 1."""
+        """Return the largest coupling (at most 1) of sources with these areas, at each distance."""
         areas = [sum(e.area for e in flat_source(source).elements_in_plane) for source in sources]
         size = math.sqrt(areas[0]) * math.sqrt(areas[1]) / self.wavelength
         return np.minimum(1.0, size / np.linalg.norm(offset, axis=1))
@@ -359,8 +362,10 @@ def _checked_method(method: Any, is_polarised: bool) -> str:
     if method is None:
         return "huygens" if is_polarised else DEFAULT
     if not is_polarised and isinstance(method, str) and method in MODELS:
-        raise ArgumentError(f"method={method!r} requires a polarisation; pass polarisation=")
-    return checked_method(method, allowed)
+        raise ArgumentError(
+            f"method={method!r} requires a polarisation; pass the argument polarisation"
+        )
+    return checked_choice(method, "method", allowed)
 
 
 def checked_tolerance(tolerance: Any) -> float:
@@ -369,7 +374,7 @@ def checked_tolerance(tolerance: Any) -> float:
 
 
 def link_kernel(condition: Obliquity, sight: Sight) -> tuple[Floats, Floats]:
-    """Return the real and imaginary part of the scalar link kernel K (RX1), shape (n, i, j).
+    """Return the real and imaginary part of the scalar kernel K, equation (RX1), shape (n, i, j).
 
     The axes are pairs of cells, nodes of the transmitter and nodes of the receiver. Lengths are in
     wavelengths, and the phase due to the distance of the centres is omitted.
@@ -386,7 +391,7 @@ def link_kernel(condition: Obliquity, sight: Sight) -> tuple[Floats, Floats]:
     if a * b:
         mixed = inverse * ((a * b) * (nr - mr))
         real, imag = real + mixed, imag + mixed * near
-    # Multiply by -i exp(ikR)/R.
+    # The kernel is multiplied by -i exp(ikR)/R.
     real, imag = real * inverse, imag * inverse
     return real * sine + imag * cosine, imag * sine - real * cosine
 
@@ -394,7 +399,7 @@ def link_kernel(condition: Obliquity, sight: Sight) -> tuple[Floats, Floats]:
 def polarised_kernel(
     currents: Currents, sent: Complex, received: Complex, sight: Sight
 ) -> tuple[Floats, Floats]:
-    """Return the real and imaginary part of the link kernel of polarised sources (RX9).
+    """Return the real and imaginary part of the kernel of polarised sources, equation (RX9).
 
     ``sent`` and ``received`` (3,) are polarisation vectors in the frames of their sources. Units
     and phase are those in `link_kernel`.
@@ -435,18 +440,10 @@ def polarised_kernel(
 
 
 NORMALISATIONS = ("radiated", "aperture")
-"""Power radiated into the half space, or integral of |u|^2 over the aperture."""
+"""Definitions of a source's power: radiated into the half space, or int |u|^2 over the aperture."""
 
 # Ratio of the power to the sum of the elements' powers below which the fields count as cancelled.
 _DARK = 1e-12
-
-
-def checked_normalise(name: Any, error: type[PolywignerError] = ArgumentError) -> str:
-    """Return one of `NORMALISATIONS`; raise ``error`` for other values."""
-    if not isinstance(name, str) or name not in NORMALISATIONS:
-        names = " or ".join(f'"{known}"' for known in NORMALISATIONS)
-        raise error(f"normalise must be {names}, got {name!r}")
-    return str(name)
 
 
 def root_of_norm(
@@ -456,7 +453,7 @@ def root_of_norm(
 
     ``jones``: polarisation for equivalent currents, None for scalar fields.
     """
-    # NumPy arrays are not hashable.
+    # The key contains bytes, because NumPy arrays are not hashable.
     key = None if jones is None else (jones.tobytes(), jones.shape)
     return _root_of_norm(source, wavelength, method, normalise, key)
 

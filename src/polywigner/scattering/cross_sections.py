@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from polywigner.errors import ArgumentError
 from polywigner.execution.progress import progress_bar
 from polywigner.geometry.arguments import (
+    broadcast_shape,
     checked_choice,
     checked_count,
     checked_flag,
@@ -21,16 +22,16 @@ from polywigner.geometry.arguments import (
     takes_frequency,
     warn_caller,
 )
-from polywigner.numerics import Complex, Floats
+from polywigner.geometry.polyhedron import axes_across
+from polywigner.numerics import Complex, Floats, index_blocks
 from polywigner.propagation.point_grids import angle_axes, checked_angles
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.scattering.facet_beams import sums_of_beams
-from polywigner.scattering.facets import Body, Facets, axes_across, facets_of, warn_of_reflections
+from polywigner.scattering.facets import Body, Facets, facets_of, warn_of_reflections
 from polywigner.scattering.near_fields import (
     Channel,
     Polarisation,
     Source,
-    broadcast_shape,
     checked_polarisations,
     checked_unit_vectors,
     near_sections,
@@ -42,8 +43,8 @@ if TYPE_CHECKING:
     import xarray
 
 
-# Three perpendicular mirrors return a wave to its source. Each further reflection multiplies the
-# number of beams.
+# Largest number of reflections, which suffices for corner reflectors of three perpendicular
+# mirrors. Each further reflection multiplies the number of beams.
 MOST_BOUNCES = 3
 
 
@@ -102,9 +103,9 @@ def rcs(
 
     The current on an illuminated face is 2 n x H, as on an infinite plane with the normal n in the
     incident magnetic field H. The scattered field of each face is the exact Fourier transform of
-    its polygon, (SC1). The parts of faces visible from transmitter and receiver are exact polygons.
-    Physical optics is valid near specular directions, for faces of several wavelengths or more and
-    for fine meshes of smooth bodies. Edge diffraction is not included.
+    its polygon, equation (SC1). The parts of faces visible from transmitter and receiver are exact
+    polygons. Physical optics is valid near specular directions, for faces of several wavelengths or
+    more and for fine meshes of smooth bodies. Edge diffraction is not included.
 
     Array arguments broadcast against each other.
 
@@ -235,7 +236,7 @@ def rcs(
         area, power = near_sections(facets, to_radar, to_transmitter, lengths, *radar)
         return (area[()], power[()]) if return_power else area[()]
     if receiver is not None or return_power:
-        raise ArgumentError("receiver and return_power require a source; pass source=")
+        raise ArgumentError("receiver and return_power require a source; pass the argument source")
     return far_sections(facets, lengths, to_radar, to_transmitter, polarisation, reflections)[()]
 
 
@@ -288,7 +289,7 @@ def warn_of_small(facets: Facets, wavelength: float) -> None:
 def _power(
     sums: Complex, later: Complex | None, k: Floats, s: Floats, polarisations: list[Complex]
 ) -> Floats:
-    """Return ``|q.(N x h + M h)|^2`` of (SC1) and (SC6) in m^4 for m samples.
+    """Return ``|q.(N x h + M h)|^2`` of equations (SC1) and (SC6) in m^4 for m samples.
 
     ``sums`` is N and ``later`` is M. ``polarisations``: q of the receiver and p of the incident
     wave with h = k x p. Without them, the total power is averaged over incident polarisations.
@@ -311,7 +312,7 @@ def _power(
 
 
 _REFLECTIONS = {1: "one reflection", 2: "two reflections", 3: "three reflections"}
-# Directions per block.
+# Number of directions per block.
 _TOGETHER = 200
 # Largest number of directions tested for further reflections.
 _MOST_WARNED = 4096
@@ -400,12 +401,7 @@ class Pattern:
         if self.polarisation is not None:
             checked_choice(self.polarisation, "polarisation", get_args(Channel))
         if self.to_transmitter is not None:
-            self.to_transmitter = checked_unit_vectors("to_transmitter", self.to_transmitter)
-            if self.to_transmitter.ndim > 1:
-                raise ArgumentError(
-                    "to_transmitter must be a single unit vector (3,), got shape "
-                    f"{self.to_transmitter.shape}"
-                )
+            self.to_transmitter = checked_unit_vectors("to_transmitter", self.to_transmitter, 3)
         self.facets = facets_of(body)
         self.bounces = checked_count(self.bounces, "bounces", 1, MOST_BOUNCES)
 
@@ -423,13 +419,12 @@ class Pattern:
         warn_of_small(self.facets, self.wavelength)
         if self.bounces == 1:
             warn_of_reflections(self.facets, self._some_directions())
-        values, step = np.empty(self.shape), max(1, _TOGETHER // max(1, len(self.elevation)))
-        for start in range(0, len(values), step):
-            rows = slice(start, start + step)
+        values = np.empty(self.shape)
+        for rows in index_blocks(len(values), _TOGETHER // max(1, len(self.elevation))):
             try:
                 values[rows] = self.at(self.azimuth[rows, None], self.elevation)
             except ArgumentError as error:  # too many overlaps or beams
-                if start == 0:
+                if rows.start == 0:
                     raise
                 warn_caller(f"the cross sections at some azimuths are NaN: {error}")
                 values[rows] = np.nan

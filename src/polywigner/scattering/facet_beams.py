@@ -1,8 +1,8 @@
-"""Fields scattered by illuminated surfaces, after one or several reflections (SC6).
+"""Fields scattered by illuminated surfaces after one or several reflections, equation (SC6).
 
 A face reflects a plane wave as a beam, whose cross section is the illuminated polygon. If space is
-unfolded at each mirror, all beams continue along the incident direction. Their cross sections lie
-in the transmitter's image plane and shrink with each reflection.
+unfolded at each mirror, all beams continue along the incident direction. The cross sections of the
+beams lie in the transmitter's image plane and shrink with each reflection.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from shapely.errors import GEOSException
 
 from polywigner.errors import ArgumentError
 from polywigner.execution.progress import slow_bar
-from polywigner.geometry.arguments import warn_caller
+from polywigner.geometry.arguments import check_most, warn_caller
 from polywigner.geometry.hidden_parts import (
     GRID,
     NOTHING,
@@ -31,13 +31,13 @@ from polywigner.geometry.hidden_parts import (
     unions,
     visible_parts,
 )
-from polywigner.numerics import Complex, Floats, Indices
+from polywigner.geometry.polyhedron import axes_across
+from polywigner.numerics import Columns, Complex, Floats, Indices, index_blocks
 from polywigner.scattering.facets import (
     Facets,
     Pieces,
     Sides,
     Visible,
-    axes_across,
     facing,
     less_hidden,
     pieces_of,
@@ -49,7 +49,7 @@ from polywigner.scattering.facets import (
 
 # Largest number of pairs of a beam and a triangle, which take several minutes.
 _MOST_COMPARED = 4e8
-# Pairs of a beam and a triangle per block, which take 100 MB.
+# Number of pairs of a beam and a triangle per block, which take 100 MB.
 _BLOCK = 1 << 19
 # Errors in single directions: failures of GEOS, and exceeded limits of memory or time.
 _ERRORS = GEOSException, ArgumentError
@@ -66,10 +66,10 @@ def sums_of_beams(
     """Return the scattering amplitudes N (m, 3) and M (m, 3, 3) in m^2 for m pairs of directions.
 
     Waves travel along ``k`` (m, 3) to receivers in the directions ``s`` (m, 3). ``lengths`` (m,):
-    wavelengths in m. The scattered field is ``N x h + M h`` for the incident magnetic field h
-    (SC6), with phases relative to the body's centre; N contains the first reflection, M the later
-    ones. M is None without later reflections. N is NaN, with a warning, for directions that fail.
-    Raises ArgumentError if all directions have too many beams.
+    wavelengths in m. The scattered field is ``N x h + M h`` for the incident magnetic field h,
+    equation (SC6), with phases relative to the body's centre. N contains the first reflection, and
+    M contains all later reflections. M is None without later reflections. N is NaN, with a warning,
+    for directions that fail. Raises ArgumentError if all directions have too many beams.
     """
     nu = (s - k) / lengths[:, None]
     if not facets.casts_shadows:
@@ -190,7 +190,8 @@ def _views(
     groups = np.split(order, ends) if len(pairs) else []
     for pair, rows in zip(pairs, groups, strict=True):
         try:
-            # Pairs are sorted by transmitter.
+            # Pairs are sorted by transmitter, so that illuminated parts are computed once per
+            # transmitter.
             if lit is None or (pair[:3] != last).any():
                 last, lit = pair[:3], None
                 lit = visible_along(facets, pair[:3])
@@ -205,7 +206,7 @@ def _views(
 
 
 @dataclass(frozen=True, eq=False)
-class Beams:
+class Beams(Columns):
     """Reflected plane waves, bounded by polygons in the transmitter's image plane."""
 
     wave: Indices
@@ -221,10 +222,6 @@ class Beams:
     """Offset of the last mirror along its normal, shape (n,)."""
     polygon: Shapes
     """Cross section in the transmitter's image plane, shape (n,)."""
-
-    def taken(self, rows: Indices | slice) -> Beams:
-        """Return the beams with the given indices."""
-        return Beams(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
     def __len__(self) -> int:
         return len(self.height)
@@ -257,12 +254,10 @@ def hits_after(facets: Facets, ends: Ends, bounces: int) -> Iterator[Hits]:
     for number in range(2, bounces + 1):
         if not len(beams):
             return
-        if len(beams) * len(facets.corner) > _MOST_COMPARED:
-            raise ArgumentError(
-                f"the body is too complex: reflection {number} requires {len(beams)} beams to be "
-                f"compared with {len(facets.corner)} triangles, at most {_MOST_COMPARED:g} "
-                f"comparisons are allowed; use bounces={number - 1}, or simplify the mesh"
-            )
+        compared = len(beams) * len(facets.corner)
+        things = f"comparisons of beams and triangles for reflection {number}"
+        remedy = f"use bounces={number - 1}, or simplify the mesh"
+        check_most(compared, _MOST_COMPARED, things, remedy)
         hits = _hits(facets, ends, beams)
         yield hits
         if number < bounces:
@@ -301,7 +296,7 @@ def _reflected(facets: Facets, hits: Hits) -> Beams:
     polygons = hits.polygon[:0]
     if len(order):
         polygons = mended(unions(hits.polygon[order], number.ravel()[order], facets.size))
-    facet, before = hits.facet[first], hits.beams.taken(hits.beam[first])
+    facet, before = hits.facet[first], hits.beams.subset(hits.beam[first])
     normal = facets.normal[facet] * hits.signs[first, None]
     height = (normal * facets.corner[facet]).sum(axis=1)
     mirror = np.eye(3) - 2 * normal[:, :, None] * normal[:, None, :]
@@ -320,10 +315,11 @@ def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
     Parts behind the mirror, and parts hidden by other triangles, are omitted.
     """
     beam, facet, signs = _candidates(facets, ends, beams)
-    pairs, corners = beams.taken(beam), facets.corners[facet]
+    pairs, corners = beams.subset(beam), facets.corners[facet]
     unfolded = corners @ np.swapaxes(pairs.rotation, 1, 2) + pairs.shift[:, None]
     axes = np.concatenate([ends.across, ends.k[:, None]], axis=1)[pairs.wave]
-    # Components: two across the incident direction, one along it.
+    # Each point has two components across the incident direction and one component along this
+    # direction.
     points = unfolded @ np.swapaxes(axes, 1, 2)
     ahead = _heights(facets, pairs, corners)
     # Restore the counter-clockwise order.
@@ -360,9 +356,9 @@ def _heights(facets: Facets, beams: Beams, corners: Floats) -> Floats:
 def _candidates(facets: Facets, ends: Ends, beams: Beams) -> tuple[Indices, Indices, Sides]:
     """Return beam, triangle and illuminated side of pairs whose bounding boxes overlap."""
     points = facets.corners.reshape(-1, 3)
-    step, columns = max(1, _BLOCK // len(points)), []
-    for start in range(0, len(beams), step):
-        block = beams.taken(slice(start, start + step))
+    columns = []
+    for some in index_blocks(len(beams), _BLOCK // len(points)):
+        block = beams.subset(some)
         shape = len(block), len(facets.corner), 3
         sides = facing(facets, _transformed(np.swapaxes(block.rotation, 1, 2), ends.k[block.wave]))
         may_meet = sides != 0
@@ -377,7 +373,7 @@ def _candidates(facets: Facets, ends: Ends, beams: Beams) -> tuple[Indices, Indi
             may_meet &= flat.max(axis=2) > bounds[:, axis, None]
             may_meet &= flat.min(axis=2) < bounds[:, 2 + axis, None]
         beam, facet = np.nonzero(may_meet)
-        columns.append((beam + start, facet, sides[beam, facet]))
+        columns.append((beam + some.start, facet, sides[beam, facet]))
     beam, facet, signs = (np.concatenate(column) for column in zip(*columns, strict=True))
     return beam, facet, signs
 
@@ -419,7 +415,7 @@ def _displaced_boxes(points: Floats, beam: Indices, size: float) -> Shapes:
 
 
 def _add_fields(later: Complex, facets: Facets, hits: Hits, ends: Ends, lengths: Floats) -> None:
-    """Add the fields of visible ``hits`` to the matrices M of (SC6), shape (m, 3, 3)."""
+    """Add the fields of visible ``hits`` to the matrices M of equation (SC6), shape (m, 3, 3)."""
     hit, view = _members(hits.beams.wave[hits.beam], ends.views)
     facet, signs, parts = hits.facet[hit], hits.signs[hit], hits.part[hit]
     visible = np.stack([visible.signs for visible in ends.visible])[view, facet]
@@ -429,10 +425,10 @@ def _add_fields(later: Complex, facets: Facets, hits: Hits, ends: Ends, lengths:
     (cut,) = np.nonzero(~shapely.is_missing(limits))
     parts[cut] = intersections(mended(parts[cut]), mended(limits[cut]), GRID)
     pieces, owner = pieces_of(facets, facet, signs, parts)
-    beams, view = hits.beams.taken(hits.beam[hit[owner]]), view[owner]
+    beams, view = hits.beams.subset(hits.beam[hit[owner]]), view[owner]
     back = np.swapaxes(beams.rotation, 1, 2)
     k = ends.k[beams.wave]
-    # Path lengths at a corner and along two sides. Divided by the wavelength, they are phases in
+    # The path lengths at a corner and along two sides, divided by the wavelength, are phases in
     # cycles.
     rate = ends.s[view] - _transformed(back, k)
     corner, first, second = (
@@ -440,10 +436,9 @@ def _add_fields(later: Complex, facets: Facets, hits: Hits, ends: Ends, lengths:
     )
     corner -= (beams.shift * k).sum(axis=1)
     fields = (np.cross(np.eye(3), pieces.vector[:, None]) @ back).reshape(-1, 9)
-    step = max(1, _BLOCK // int(ends.of_view[1].max()))
-    for start in range(0, len(view), step):
-        piece, sample = _members(view[start : start + step], ends.of_view)
-        piece, sample = piece + start, ends.samples[sample]
+    for some in index_blocks(len(view), _BLOCK // int(ends.of_view[1].max())):
+        piece, sample = _members(view[some], ends.of_view)
+        piece, sample = piece + some.start, ends.samples[sample]
         waves = triangle_transforms(
             *(phase[piece] / lengths[sample] for phase in (corner, first, second))
         )

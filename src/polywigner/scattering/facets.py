@@ -31,8 +31,9 @@ from polywigner.geometry.hidden_parts import (
     visible_parts,
 )
 from polywigner.geometry.parts import connected
-from polywigner.geometry.silhouettes import obstacle_of, shells
-from polywigner.numerics import Complex, Floats, Indices, cluster_indices
+from polywigner.geometry.polyhedron import axes_across, normals_of
+from polywigner.geometry.silhouettes import listed_bodies, obstacle_of, shells
+from polywigner.numerics import Columns, Complex, Floats, Indices, cluster_indices, index_blocks
 from polywigner.numerics.phases import rotated, simplex_plane_wave
 from polywigner.source import Array
 
@@ -41,7 +42,6 @@ Sides = NDArray[np.int8]
 
 Body = Aperture | PlacedAperture | Polyhedron | Array | Sequence[Any]
 
-_EXPECTED = "expected a body (Polyhedron, Aperture, placed Aperture, or an Array or list of these)"
 # Smallest cosine between normals of adjacent triangles of a smooth face.
 SMOOTH = math.cos(math.radians(30))
 # Tolerance on the normals of coplanar triangles, and on their plane offsets relative to the body
@@ -138,27 +138,15 @@ def _bodies(body: Any) -> tuple[Polyhedron | PlacedAperture, ...]:
     """Return bodies and plates as a tuple; raise ArgumentError for other objects."""
     if isinstance(body, Array):
         if not (body.weights == 1).all():
-            raise ArgumentError(
-                "expected an Array of bodies whose weights are all 1, got other weights; omit "
-                "the weights"
-            )
+            raise ArgumentError("expected an Array of bodies without weights; omit the weights")
         body = body.elements
-    parts = tuple(body) if isinstance(body, Iterable) else (body,)
-    if not parts:
-        raise ArgumentError(f"{_EXPECTED}, got an empty list")
-    placed = [part.placed(np.eye(4)) if isinstance(part, Aperture) else part for part in parts]
-    for part in placed:
-        if not isinstance(part, PlacedAperture | Polyhedron):
-            raise ArgumentError(f"{_EXPECTED}, got {type(part).__name__}")
-        if isinstance(part, PlacedAperture) and part.aperture.illumination is not None:
-            raise ArgumentError(
-                "a plate must not have an illumination, because the radar illuminates it; remove "
-                "the illumination with with_illumination(None)"
-            )
-    return tuple(placed)
+    parts = body if isinstance(body, Iterable) else [body]
+    return listed_bodies(
+        [part.placed(np.eye(4)) if isinstance(part, Aperture) else part for part in parts]
+    )
 
 
-# Hashing a million vertices takes some ms, less than computing their triangles.
+# Hashing a million vertices takes some ms, which is less than the computation of their triangles.
 @lru_cache(maxsize=16)
 def _facets(parts: tuple[Polyhedron | PlacedAperture, ...]) -> Facets:
     """Return the triangles of all bodies and plates."""
@@ -166,8 +154,7 @@ def _facets(parts: tuple[Polyhedron | PlacedAperture, ...]) -> Facets:
     corners, plates = [], []
     for surface in surfaces:
         points = surface.vertices[surface.triangles]
-        area = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
-        points = points[np.abs(area).max(axis=1) > 0]
+        points = points[np.abs(normals_of(points)).max(axis=1) > 0]
         corners.append(points)
         plates.append(np.full(len(points), not surface.is_solid))
     triangles = np.concatenate(corners)
@@ -190,7 +177,7 @@ _TRIANGLE = shapely.Polygon([(0, 0), (1, 0), (0, 1)])
 
 
 @dataclass(frozen=True)
-class Pieces:
+class Pieces(Columns):
     """Illuminated or visible surface as n triangles."""
 
     corner: Floats
@@ -201,10 +188,6 @@ class Pieces:
     """Vectors to the third corners, shape (n, 3)."""
     vector: Floats
     """Normals on the illuminated side, times twice the areas, shape (n, 3)."""
-
-    def taken(self, rows: Indices | slice) -> Pieces:
-        """Return the triangles with the given indices."""
-        return Pieces(self.corner[rows], self.first[rows], self.second[rows], self.vector[rows])
 
     def __len__(self) -> int:
         return len(self.corner)
@@ -248,13 +231,6 @@ def _sides(cosine: Floats, is_plate: NDArray[np.bool_]) -> Sides:
     sides = (cosine < -_EDGE_ON).astype(np.int8)
     sides -= ((cosine > _EDGE_ON) & is_plate).astype(np.int8)
     return sides
-
-
-def axes_across(direction: Floats) -> Floats:
-    """Return the image axes (..., 2, 3) seen along ``direction``, perpendicular unit vectors."""
-    first = np.cross(direction, np.eye(3)[np.abs(direction).argmin(axis=-1)])
-    first /= np.linalg.norm(first, axis=-1, keepdims=True)
-    return np.stack([first, np.cross(first, direction)], axis=-2)
 
 
 def visible_along(facets: Facets, direction: Floats) -> Visible:
@@ -375,25 +351,24 @@ Signs = Callable[[slice, slice], Sides]
 
 _OPS = execution.NumpyOperations()
 _TITLE = "radar cross sections"
-# Product of the numbers of triangles and directions per block. About twenty arrays of this size fit
-# in the processor's cache.
+# Largest product of the numbers of triangles and directions per block. About twenty arrays of this
+# size fit into the processor's cache.
 _AT_ONCE = 1 << 14
 
 
 def surface_sums(pieces: Pieces, nu: Floats, signs: Signs | None = None) -> Complex:
-    """Return the Fourier transform N of (SC1) in m^2 at frequencies nu (m, 3) in 1/m, shape (m, 3).
+    """Return the Fourier transform N, equation (SC1), in m^2 at frequencies nu (m, 3) in 1/m.
 
     ``signs``: function that returns the signs for a slice of frequencies and a slice of triangles,
-    0 for dark triangles. By default all signs are 1.
+    0 for dark triangles. By default all signs are 1. The result has the shape (m, 3).
     """
     result = np.zeros((len(nu), 3), np.complex128)
     columns = max(1, min(len(pieces), _AT_ONCE))
-    rows = _AT_ONCE // columns
-    of_directions = [slice(k, k + rows) for k in range(0, len(nu), rows)]
-    of_triangles = [slice(k, k + columns) for k in range(0, len(pieces), columns)]
+    of_directions = index_blocks(len(nu), _AT_ONCE // columns)
+    of_triangles = index_blocks(len(pieces), columns)
     with with_progress(_TITLE, list(product(of_directions, of_triangles))) as blocks:
         for rows_here, columns_here in blocks:
-            block = pieces.taken(columns_here)
+            block = pieces.subset(columns_here)
             shape = len(nu[rows_here]), len(block)
             sides = np.ones(shape, np.int8) if signs is None else signs(rows_here, columns_here)
             lit = np.nonzero(sides)
@@ -407,7 +382,7 @@ def surface_sums(pieces: Pieces, nu: Floats, signs: Signs | None = None) -> Comp
 
 
 def triangle_transforms(corner: Floats, first: Floats, second: Floats) -> Complex:
-    """Return the Fourier transforms of triangles, divided by twice their areas (F5).
+    """Return the Fourier transforms of triangles divided by twice their areas, equation (F5).
 
     The arguments are dot products of the frequency with the first corner and with both sides, in
     cycles. Waves are exp(-2 pi i nu.x).
@@ -422,11 +397,12 @@ _NEAR = 1e-6
 _MOST_DIRECTIONS = 256
 # Smallest and largest number of rays per direction.
 _FEWEST_RAYS, _MOST_RAYS = 16, 128
-# Product of the total numbers of rays and triangles, which takes a second or two.
+# Largest product of the total numbers of rays and triangles, which takes a second or two.
 _MOST_TESTS = 1 << 21
-# Product of the numbers of rays and triangles per block.
+# Largest product of the numbers of rays and triangles per block.
 _BLOCK = 1 << 18
-# Quasi-random steps: M. Roberts, "The unreasonable effectiveness of quasirandom sequences" (2018).
+# Steps of quasi-random numbers. Source: M. Roberts, "The unreasonable effectiveness of quasirandom
+# sequences" (2018).
 _STEPS = 0.7548776662466927, 0.5698402909980532
 
 

@@ -1,4 +1,4 @@
-"""Cross sections of bodies near a radar, by physical optics and reciprocity (SC3).
+"""Cross sections of bodies near a radar, by physical optics and reciprocity, equation (SC3).
 
 Illuminated parts are divided into pieces on which the exact fields of both antennas are nearly
 plane waves.
@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -18,14 +18,21 @@ from shapely.errors import GEOSException
 
 from polywigner.errors import ArgumentError, GeometryError, value_text
 from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import checked_choice, real_array, rigid_poses, warn_caller
-from polywigner.numerics import Complex, Floats
+from polywigner.geometry.arguments import (
+    broadcast_shape,
+    check_most,
+    checked_choice,
+    real_array,
+    rigid_poses,
+    warn_caller,
+)
+from polywigner.numerics import Complex, Floats, index_blocks
 from polywigner.propagation import amplitude_with_error, field
 from polywigner.propagation.boundary import Radiator, boundary_field, cosines_of, radiator_of
 from polywigner.propagation.point_grids import tolerance_from
 from polywigner.propagation.vector_fields import edge_integrals
 from polywigner.radiometry.directions import checked_source
-from polywigner.reception.couplings import checked_normalise, root_of_norm
+from polywigner.reception.couplings import NORMALISATIONS, root_of_norm
 from polywigner.scattering.facet_beams import sums_of_beams
 from polywigner.scattering.facets import (
     Facets,
@@ -51,21 +58,10 @@ Source = Aperture | Array
 _UNIT = 1e-6
 
 
-def checked_unit_vectors(name: str, vectors: Any) -> Floats:
-    """Return unit vectors, shape (..., 3), with their length corrected to 1."""
-    array = unit_vectors_as_given(name, vectors)
+def checked_unit_vectors(name: str, vectors: Any, *shape: Any) -> Floats:
+    """Return unit vectors (..., 3), or a vector of ``shape`` (3,), normalised to length 1."""
+    array = unit_vectors_as_given(name, vectors, *shape)
     return np.asarray(array / np.linalg.norm(array, axis=-1, keepdims=True))
-
-
-def broadcast_shape(*shapes: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the common shape of array arguments; raise ArgumentError if there is none."""
-    try:
-        return np.broadcast_shapes(*shapes)
-    except ValueError:
-        raise ArgumentError(
-            "wavelengths, directions and polarisations must broadcast against each other, got "
-            f"shapes {', '.join(map(str, shapes))}; add axes of length 1"
-        ) from None
 
 
 def checked_polarisations(
@@ -255,7 +251,7 @@ def checked_poses(name: str, positions: ArrayLike, centre: Floats) -> Floats:
     """
     expected = (
         f"with a source, expected {name} to be vectors (..., 3) in m from the body's centre to the "
-        "source, or as poses (..., 4, 4) that map the body's frame into the source's frame"
+        "source, or poses (..., 4, 4) that map the body's frame into the source's frame"
     )
     array = real_array(positions, expected, (..., 4, 4), (..., 3))
     if array.shape[-2:] == (4, 4):
@@ -277,7 +273,7 @@ def checked_poses(name: str, positions: ArrayLike, centre: Floats) -> Floats:
 def directions_of(poses: Any) -> Floats:
     """Return unit vectors (..., 3) in the body's frame, from its centre towards the sources."""
     away = -np.einsum("...ji,...j->...i", poses[..., :3, :3], poses[..., :3, 3])
-    # A source at the centre is rejected by check_in_front.
+    # A source at the centre gives NaN here, and is rejected by check_in_front.
     with np.errstate(invalid="ignore"):
         return np.asarray(away / np.linalg.norm(away, axis=-1, keepdims=True))
 
@@ -285,14 +281,14 @@ def directions_of(poses: Any) -> Floats:
 def field_gradient(
     radiator: Radiator, points: Floats, wavelength: float, method: str, tolerance: float
 ) -> Complex:
-    """Return the gradient of the exact field at points by (G6) and (G7), shape (n, 3).
+    """Return the gradient of the exact field at points, equations (G6) and (G7), shape (n, 3).
 
     Points (n, 3) in m and gradient are in the source's frame. The gradient is in the unit of the
     field per m.
     """
     gradient = np.zeros((len(points), 3), np.complex128)
     for axis in range(3):
-        carried = _derivative(radiator, wavelength, axis)
+        carried = radiator.times(partial(_rates, wavelength, axis))
         if any(element.amplitudes.any() for element in carried.elements):
             name = method if axis < 2 else DERIVATIVE_OF[method]
             how = (wavelength, name, tolerance, "auto")
@@ -310,23 +306,17 @@ def field_gradient(
     return gradient
 
 
-def _derivative(radiator: Radiator, wavelength: float, axis: int) -> Radiator:
-    """Return a radiator with each plane wave multiplied by 2 pi i times a frequency component.
+def _rates(wavelength: float, axis: int, frequencies: Floats) -> Complex:
+    """Return 2 pi i times a component of the frequencies (m, 2) of plane waves.
 
     ``axis``: 0 for x, 1 for y, 2 for z (p_z/wavelength, also for evanescent waves).
     """
-    elements = []
-    for element in radiator.elements:
-        rates = (
-            element.frequencies.T[axis]
-            if axis < 2
-            else (cosines_of(element.frequencies, wavelength, False) / wavelength)
-        )
-        elements.append(replace(element, amplitudes=element.amplitudes * (2j * math.pi * rates)))
-    return replace(radiator, elements=tuple(elements))
+    if axis < 2:
+        return np.asarray(2j * math.pi * frequencies[:, axis])
+    return np.asarray(2j * math.pi / wavelength * cosines_of(frequencies, wavelength, False))
 
 
-# Pieces per block.
+# Number of pieces per block.
 _BLOCK = 1 << 15
 # Largest number of pieces, which take 4 GB.
 _MOST = 1 << 24
@@ -345,13 +335,13 @@ def near_sums(
     polarisations: tuple[Complex, Complex],
     tolerance: float,
 ) -> Complex:
-    """Return ratios b of received to transmitted amplitude (SC3).
+    """Return ratios b of received to transmitted amplitude, equation (SC3).
 
-    ``polarisations``: vectors (..., 3) of receiver and transmitter, normal to their directions from
-    the body's centre, which broadcast; the result has the shape (...). At other points, the vectors
-    are projected. For polarised antennas, only the shapes of the vectors are used. If both antennas
-    are the same object, its fields are computed once. The result is NaN, with a warning, if the
-    illuminated polygons cannot be computed.
+    ``polarisations``: vectors (..., 3) of receiver and transmitter, which broadcast and are normal
+    to the directions from the body's centre. The result has the shape (...). At other points, the
+    vectors are projected. For polarised antennas, only the shapes of the vectors are used. If both
+    antennas are the same object, its fields are computed once. The result is NaN, with a warning,
+    if the illuminated polygons cannot be computed.
     """
     try:
         lit = _illuminated(facets, transmitter, receiver)
@@ -375,9 +365,10 @@ def echo(
     tolerance: float,
     bounces: int,
 ) -> complex:
-    """Return the coupling of two scalar antennas by reflection from a body, -b of (SC3).
+    """Return the coupling of two scalar antennas by reflection from a body: -b of equation (SC3).
 
-    Later reflections, up to ``bounces``, are computed for plane waves from the centre (SC6).
+    Later reflections, up to ``bounces``, are computed for plane waves from the centre, equation
+    (SC6).
     """
     total = near_sums(facets, transmitter, receiver, polarisations, tolerance)
     if bounces > 1:
@@ -403,17 +394,17 @@ def _summed(
     receiver: Antenna,
     polarisations: tuple[Complex, Complex],
 ) -> Complex:
-    """Return the sum over all pieces in (SC3), each divided into four if ``split`` is true."""
+    """Return the sum of equation (SC3) over pieces, each divided into four if ``split`` is true."""
     q, p = polarisations
     total = np.zeros(np.broadcast_shapes(q.shape, p.shape)[:-1], np.complex128)
-    for start in range(0, len(pieces), _BLOCK):
-        block = pieces.taken(slice(start, start + _BLOCK))
+    for some in index_blocks(len(pieces), _BLOCK):
+        block = pieces.subset(some)
         block = _quartered(block) if split else block
         centre = block.corner + (block.first + block.second) / 3
         sent, slope, ahead = transmitter.wave(centre)
         is_same = receiver is transmitter
         back, _, behind = (sent, slope, ahead) if is_same else receiver.wave(centre)
-        # Integral of the receiver's electric field times the currents n x H.
+        # The sum is the integral of the receiver's electric field times the currents n x H.
         if transmitter.jones is not None:
             parts = (back * np.cross(block.vector, slope)).sum(axis=-1)
         else:
@@ -444,28 +435,25 @@ def _illuminated(facets: Facets, transmitter: Antenna, receiver: Antenna) -> Pie
 def _divided(pieces: Pieces, transmitter: Antenna, receiver: Antenna, tolerance: float) -> Pieces:
     """Divide pieces until the fields of both antennas on each piece are nearly plane waves.
 
-    ``tolerance``: largest deviation (SC4). Raises ArgumentError for too many pieces.
+    ``tolerance``: largest deviation, equation (SC4). Raises ArgumentError for too many pieces.
     """
-    done, count = [pieces.taken(slice(0))], 0
+    done, count = [pieces.subset(slice(0))], 0
     while len(pieces):
         coarse = _deviation(pieces, transmitter, receiver) > tolerance
-        done.append(pieces.taken(np.flatnonzero(~coarse)))
-        pieces = pieces.taken(np.flatnonzero(coarse))
+        done.append(pieces.subset(~coarse))
+        pieces = pieces.subset(coarse)
         count += len(done[-1])
-        if count + 4 * len(pieces) > _MOST:
-            raise ArgumentError(
-                f"the illuminated parts of the body require more than {_MOST:g} pieces with plane "
-                "waves; use a larger tolerance, or move the source away from the body"
-            )
+        things = "pieces with plane waves on the illuminated parts of the body"
+        remedy = "use a larger tolerance, or move the source away from the body"
+        check_most(count + 4 * len(pieces), _MOST, things, remedy)
         pieces = _quartered(pieces)
-    columns = zip(*(vars(part).values() for part in done), strict=True)
-    return Pieces(*map(np.concatenate, columns))
+    return Pieces.of(done)
 
 
 def _deviation(pieces: Pieces, transmitter: Antenna, receiver: Antenna) -> Floats:
-    """Return the mean relative deviations (n,) of fields from plane waves on each piece (SC4).
+    """Return the mean relative deviation of fields from plane waves on each piece, shape (n,).
 
-    Both antennas' deviations are added.
+    The deviations of both antennas are added, equation (SC4).
     """
     sides = (pieces.first, pieces.second, pieces.second - pieces.first)
     longest = np.max([np.linalg.norm(side, axis=1) for side in sides], axis=0)
@@ -522,13 +510,14 @@ def near_sections(
     tolerance: float,
     normalise: str,
 ) -> tuple[Floats, Floats]:
-    """Return cross sections in m^2 and ratios of received to transmitted power (SC3), shapes (...).
+    """Return cross sections in m^2 and ratios of received to transmitted power, shapes (...).
 
-    The arguments are those of :func:`rcs`, and broadcast. A cross section is infinite or NaN, with
-    a warning, if an antenna has a null at the centre of the body.
+    The arguments are those of :func:`rcs`, and broadcast. The ratios follow from equation (SC3). A
+    cross section is infinite or NaN, with a warning, if an antenna has a null at the centre of the
+    body.
     """
     allowed = tolerance_from(tolerance, _TOLERANCE, _LEAST)
-    checked_normalise(normalise)
+    checked_choice(normalise, "normalise", NORMALISATIONS)
     for antenna in (source, receiver):
         if antenna is not None:
             checked_source(antenna)
@@ -559,7 +548,8 @@ def near_sections(
         back.check_in_front(facets, "receiver")
         back = transmitter if is_single else back
         sums = near_sums(facets, transmitter, back, (q[k][:, None], p[k][None]), allowed)
-        # Sum over received polarisations, and mean over transmitted polarisations.
+        # Powers are summed over received polarisations, and averaged over transmitted
+        # polarisations.
         powers[k] = (np.abs(sums) ** 2).sum() / sums.shape[1]
         there_and_back = transmitter.power_at_centre() * back.power_at_centre()
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -580,8 +570,8 @@ def _polarisations(
 ) -> tuple[Pair | tuple[None, None], Pair]:
     """Return Jones vectors, or None for scalar antennas, and polarisation vectors (..., k, 3).
 
-    Both pairs are for receiver and transmitter. Without a polarisation, k is 2, with two
-    perpendicular vectors for each antenna; otherwise k is 1.
+    Each pair consists of a value for the receiver and a value for the transmitter. Without a
+    polarisation, k is 2, with two perpendicular vectors for each antenna; otherwise k is 1.
     """
     both = [spherical_axes(towards) for towards in (to_radar, to_sender)]
     q, p = (np.stack([axes["v"], axes["h"]], axis=-2).astype(np.complex128) for axes in both)

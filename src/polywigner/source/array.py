@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError, GeometryError, IlluminationError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, automean
 from polywigner.geometry.arguments import (
+    checked_type,
     checked_wavelength,
     finite_array,
     takes_frequency,
@@ -267,7 +268,7 @@ class Array(TakesWaves):
 
     @cached_property
     def elements_in_plane(self) -> tuple[Any, ...]:
-        """The elements as apertures in the plane z = 0, with their poses applied; or the slits.
+        """The elements, as slits or as apertures in the plane z = 0 with their poses applied.
 
         Raises
         ------
@@ -345,7 +346,8 @@ def phased_array(
         An element with or without an illumination; the curved wave of a Wavefront is copied as
         well.
     positions : array_like, shape (n, d)
-        Shifts of the copies in m, d = 2 for an aperture; for slits (n, 1) or (n,).
+        Shifts of the copies in m, with d = 2 for an aperture. For slits, the shape is (n, 1) or
+        (n,).
     weights : array_like, shape (n,), optional
         Complex weights of the copies; default: all 1.
 
@@ -389,11 +391,11 @@ _ROWS = 32
 
 
 def warn_of_overlaps(array: Array) -> None:
-    """Warn if the areas of two elements of an array overlap; not for elements in several planes."""
+    """Warn if two elements of an array overlap; elements in several planes are not tested."""
     if array.repeated is None:
         try:
             elements = array.elements_in_plane
-        # Elements with different poses have no common plane.
+        # Elements with different poses have no common plane, so they are not tested.
         except GeometryError:
             return
         outlines = np.array([_as_polygons(element) for element in elements], object)
@@ -433,11 +435,10 @@ def repeated_element(
     element: Aperture | Slits, positions: ArrayLike, weights: ArrayLike | None = None
 ) -> Array:
     """Return the :func:`phased_array` of an element with a flat wave; overlaps are not checked."""
-    if not isinstance(element, Aperture | Slits):
-        raise ArgumentError(
-            f"expected an Aperture or Slits to repeat, got {type(element).__name__}; use "
-            "polywigner.Array for other elements"
-        )
+    advice = "use polywigner.Array for other elements"
+    checked_type(
+        element, "an Aperture or Slits as the element to repeat", Aperture, Slits, advice=advice
+    )
     dimension = 1 if isinstance(element, Slits) else 2
     positions, amplitudes = checked_sites(positions, weights, dimension)
     return Array._of(repeated=(element, positions), weights=amplitudes, paths=None)
@@ -491,7 +492,7 @@ def segmented_pupil(
     wavelength : float
         Wavelength in m at which the phases of the returned array apply.
     piston : float or array_like, shape (n,), default 0
-        Path length of the wavefront at each segment's centroid in m: 2 d for a mirror segment
+        Path length of the wavefront in m at each segment's centroid: 2 d for a mirror segment
         displaced by d.
     tilt : float or array_like, shape (2,) or (n, 2), default 0
         Slopes of the wavefront along x and y on each segment, dimensionless.

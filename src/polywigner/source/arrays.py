@@ -14,11 +14,13 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError, FileFormatError, at_key, require, value_text
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import (
+    check_most,
     checked_choice,
     checked_count,
     checked_length,
     checked_number,
     checked_path,
+    checked_type,
     finite_array,
     takes_frequency,
 )
@@ -111,7 +113,7 @@ def _lattice_positions(
     ``stretch``: default of ``pitch_y``, as a multiple of ``pitch_x``.
     """
     columns, rows = checked_count(nx, "nx", 1), checked_count(ny, "ny", 1)
-    _check_element_count(columns * rows)
+    check_most(columns * rows, MOST_ELEMENTS, "elements", "use fewer elements")
     across = checked_length(pitch_x, "pitch_x")
     up = across * stretch if pitch_y is None else checked_length(pitch_y, "pitch_y")
     side = 2 * (np.arange(rows) % 2) - 1 if is_staggered and rows > 1 else np.zeros(rows, np.int64)
@@ -147,7 +149,7 @@ def ring_positions(radii: ArrayLike, counts: ArrayLike) -> Floats:
         raise ArgumentError(
             f"expected as many radii as counts, got {len(sizes)} radii and {len(numbers)} counts"
         )
-    _check_element_count(sum(numbers))
+    check_most(sum(numbers), MOST_ELEMENTS, "elements", "use fewer elements")
     if any(size == 0 and number > 1 for size, number in zip(sizes, numbers, strict=True)):
         raise ArgumentError(
             "expected at most one element at radius 0, got several; use the count 1"
@@ -169,7 +171,7 @@ def thinned(positions: ArrayLike, fill: float, seed: int, taper: ArrayLike | Non
     Parameters
     ----------
     positions : array_like, shape (n, 2) or (n, 3)
-        Full layout in m; for slits (n,) or (n, 1).
+        Full layout in m, of shape (n,) or (n, 1) for slits.
     fill : float
         Mean fraction of drawn elements, above 0 and up to 1, or up to mean/peak of the taper.
     seed : int
@@ -185,14 +187,13 @@ def thinned(positions: ArrayLike, fill: float, seed: int, taper: ArrayLike | Non
     Raises
     ------
     ArgumentError
-        If an argument has the wrong shape or range, or no element is drawn.
+        If an argument has the wrong shape or range.
 
     References
     ----------
     M. I. Skolnik, J. W. Sherman, F. C. Ogg, IEEE Trans. Antennas Propag. 12 (1964) 408-417.
     """
     layout = checked_positions(positions, (1, 2, 3))
-    fraction = checked_number(fill, "fill", "a fraction above 0 and up to 1")
     expected = f"expected a taper of {len(layout)} real weights of zero or more"
     density = np.ones(len(layout))
     if taper is not None:
@@ -200,29 +201,16 @@ def thinned(positions: ArrayLike, fill: float, seed: int, taper: ArrayLike | Non
     if not (density >= 0).all() or not density.any():
         raise ArgumentError(f"{expected}, got {value_text(taper)}")
     most = float(density.mean() / density.max())
-    if not 0 < fraction <= most:
-        raise ArgumentError(
-            f"expected fill above 0 and up to {most:.6g}, the mean of the taper divided by "
-            f"its peak, got {value_text(fill)}"
-        )
+    meaning = f"above 0 and up to {most:.6g}, the mean of the taper divided by its peak"
+    fraction = checked_number(fill, "fill", meaning, lambda x: 0 < x <= most)
     random = np.random.default_rng(checked_count(seed, "seed", 0))
     is_drawn = random.random(len(layout)) < density * (fraction / density.mean())
-    if not is_drawn.any():
-        raise ArgumentError(
-            "no element was drawn with this seed; use another seed, or a larger fill"
-        )
     return layout[is_drawn]
 
 
 def _as_list(values: Any) -> list[Any]:
     """Return a list of the values, or of the only value."""
     return list(values) if np.iterable(values) else [values]
-
-
-def _check_element_count(elements: int) -> None:
-    """Raise ArgumentError for more than 2^20 elements."""
-    if elements > MOST_ELEMENTS:
-        raise ArgumentError(f"expected at most {MOST_ELEMENTS} elements, got {elements}")
 
 
 def _centred_steps(count: int) -> NDArray[np.int64]:
@@ -249,7 +237,7 @@ def virtual_array(
     Parameters
     ----------
     transmit, receive : array_like, shape (n, d) and (m, d)
-        Positions in m, d = 2; for slits (n,) or (n, 1); in space (n, 3).
+        Positions in m, with d = 2. The shape is (n,) or (n, 1) for slits, and (n, 3) in space.
     transmit_weights, receive_weights : array_like, shape (n,) and (m,), optional
         Complex weights; default: all 1.
 
@@ -281,7 +269,7 @@ def virtual_array(
             "expected transmit and receive positions with the same number of components, got "
             f"{sent.shape[1]} and {received.shape[1]}"
         )
-    _check_element_count(len(sent) * len(received))
+    check_most(len(sent) * len(received), MOST_ELEMENTS, "elements", "use fewer elements")
     v = checked_weights(transmit_weights, len(sent))
     w = checked_weights(receive_weights, len(received))
     positions = (sent[:, None] + received).reshape(-1, sent.shape[1])
@@ -307,10 +295,11 @@ def steering_weights(positions: ArrayLike, direction: ArrayLike, wavelength: flo
     Parameters
     ----------
     positions : array_like, shape (n, 2) or (n, 3)
-        Positions in m; for slits (n,) or (n, 1). Positions in space require a direction (3,).
+        Positions in m, of shape (n,) or (n, 1) for slits. Positions in space require a direction
+        (3,).
     direction : array_like, shape (3,) or (2,)
-        Unit vector with a positive z; or its components along the array; or for slits the sine of
-        the angle.
+        Unit vector with a positive z, or its components along the array, or the sine of the angle
+        for slits.
     wavelength : float
         Wavelength in m.
 
@@ -369,9 +358,9 @@ def focusing_weights(positions: ArrayLike, point: ArrayLike, wavelength: float) 
     if not focus[2] > 0:
         raise ArgumentError(f"{expected}, got {value_text(point)}")
     rays = focus - np.pad(positions, ((0, 0), (0, 1)))
-    # R_k + R
+    # Sum R_k + R of the distances of the focus from element k and from the origin.
     total = np.linalg.norm(rays, axis=1) + np.linalg.norm(focus)
-    # R_k - R = (R_k^2 - R^2)/(R_k + R), without cancellation
+    # The path difference R_k - R equals (R_k^2 - R^2)/(R_k + R), which avoids cancellation.
     path = ((positions - 2 * focus[:2]) * positions).sum(axis=1) / total
     return np.exp(-2j * np.pi * path / checked_length(wavelength, "wavelength"))
 
@@ -386,8 +375,8 @@ def window_weights(
     shape : int or (int, int)
         n elements in a row, or (nx, ny) in a grid.
     window : str or sequence of str
-        "uniform", "taylor", "chebyshev" (Dolph) or "hamming"; or one for each axis. "taylor" and
-        "chebyshev" require scipy, which the extra `arrays` installs.
+        "uniform", "taylor", "chebyshev" (Dolph) or "hamming", or one name for each axis. "taylor"
+        and "chebyshev" require scipy, which the extra `arrays` installs.
     sll : float, default 30
         Sidelobe suppression in dB for "taylor" and "chebyshev", above 0 and up to 200.
     nbar : int, default 4
@@ -418,7 +407,8 @@ def window_weights(
             f"{value_text(window)}"
         )
     decibels, zeros = checked_sidelobes(sll, nbar)
-    _check_element_count(math.prod(checked_count(n, "shape", 1) for n in sizes))
+    elements = math.prod(checked_count(n, "shape", 1) for n in sizes)
+    check_most(elements, MOST_ELEMENTS, "elements", "use fewer elements")
     along = [_window(n, name, decibels, zeros) for n, name in zip(sizes, names, strict=True)]
     weights = along[0] if len(along) == 1 else np.multiply.outer(*along).ravel()
     # For a small sll (1 dB), the Taylor weight of largest magnitude may be negative.
@@ -495,8 +485,7 @@ def read_elements(
     >>> pw.arrays.read_elements(path, pw.shapes.square(1e-3)).weights.round(3)
     array([1. +0.j , 0. +0.5j])
     """
-    if not isinstance(element, Aperture):
-        raise ArgumentError(f"expected an Aperture as the element, got {type(element).__name__}")
+    checked_type(element, "an Aperture as the element", Aperture)
     file, metres = checked_path(path), parse_unit(unit)
     with at_key(str(file)):
         table = _table_columns(text_of(bytes_of(file)))
@@ -517,7 +506,7 @@ def read_elements(
 
 
 def _table_columns(text: str) -> dict[str, Floats]:
-    """Return the columns of a text table by name. Without a line of names, these are x and y."""
+    """Return the columns of a text table by name, which are x and y without a line of names."""
     rows = table_rows(text)
     names = [name.lower() for name in rows[0][1]] if rows else []
     has_names = len(names) != 2 or set(names) & set(_COLUMNS)

@@ -43,7 +43,7 @@ class Lattice:
 def lattice_of(positions: Floats, weights: Complex) -> Lattice | None:
     """Return the lattice of positions (n, 2); None if there is no lattice or it is nearly empty.
 
-    A single position has no lattice, and neither have positions with other components than x and y.
+    There is no lattice for a single position, or for positions with components other than x and y.
     """
     if positions.shape[1] != 2 or len(positions) < 2:
         return None
@@ -103,7 +103,7 @@ def _shortest_difference(positions: Floats, extent: float, other: Floats | None)
     direction.
     """
     best, length = None, np.inf
-    # Equally spaced indices, because positions are usually ordered by rows.
+    # The indices are equally spaced, because positions are usually ordered by rows.
     paired = np.linspace(0, len(positions) - 1, min(len(positions), _PAIRED_WITH_ALL))
     for start in positions[paired.astype(np.intp)]:
         block = positions - start
@@ -136,8 +136,8 @@ def _fitted_basis(basis: Floats, positions: Floats) -> Floats:
         if count:
             basis[used] = (positions[k] - positions[m]) / count
         return basis
-    # Normal equations in extended precision, because an error of the basis grows with the number of
-    # steps.
+    # The normal equations use extended precision, because an error of the basis grows with the
+    # number of steps.
     s, p = steps.astype(np.longdouble), positions.astype(np.longdouble)
     s, p = s - s.mean(axis=0), p - p.mean(axis=0)
     (aa, ab), (_, bb) = s.T @ s
@@ -166,7 +166,7 @@ class Profile:
 
 
 def separated(weights: Complex) -> tuple[Profile, Profile] | None:
-    """Return two profiles, along i and j, whose product is the weights (n1, n2); or None.
+    """Return two profiles, along i and j, whose product is the weights (n1, n2).
 
     The result is None if the weights are not a product.
     """

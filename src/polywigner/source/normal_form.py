@@ -18,8 +18,9 @@ from typing import Any, NamedTuple, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, GeometryError
+from polywigner.errors import GeometryError
 from polywigner.geometry import Aperture, PlacedAperture, Slits, Wavefront
+from polywigner.geometry.arguments import checked_type
 from polywigner.geometry.illumination import Illumination, shift_phases
 from polywigner.numerics import Complex, Floats
 from polywigner.source.array import Array, PathLengths, aperture_in_plane, repeated_element
@@ -29,7 +30,7 @@ PublicSource = Aperture | PlacedAperture | Slits | Array | Wavefront
 
 # Largest relative deviation of amplitudes that count as proportional.
 _PROPORTIONAL = 1e-15
-# Smallest number of elements at which they are tested for being copies of one element.
+# Smallest number of elements that are tested for being copies of one element.
 _LEAST_COPIES = 24
 # Largest relative deviations of the vertices and of the amplitudes of elements that count as
 # copies; the phases of shifted amplitudes are rounded as well.
@@ -77,9 +78,12 @@ class SourceElement:
     @property
     def rings(self) -> tuple[Floats, ...]:
         """Rings (n, 2) of an aperture; exteriors are counter-clockwise, holes clockwise."""
-        if isinstance(self.outline, Slits):
-            raise GeometryError("only an Aperture has rings, got Slits")
-        return self.outline.rings
+        rings: tuple[Floats, ...] = self.outline.rings  # type: ignore[union-attr]
+        return rings
+
+    def waves_at(self, x: Floats) -> Complex:
+        """Return the sum of the plane waves at positions (..., d) in m, without the weight."""
+        return np.asarray(np.exp(2j * np.pi * (x @ self.frequencies.T)) @ self.amplitudes)
 
     def tilted(self, kappa: ArrayLike) -> SourceElement:
         """Return the element multiplied by exp(2 pi i kappa.x), with kappa (d,) in 1/m."""
@@ -129,7 +133,7 @@ class Source:
     """Elements that radiate together, with a common curvature and coherence width."""
 
     content: tuple[SourceElement, ...] | RepeatedElement
-    """The elements; for a phased array the repeated element."""
+    """The elements, or the repeated element of a phased array."""
     dimension: int
     """Number of components of a position: 2, or 1 for slits."""
     curvature: Floats
@@ -137,7 +141,7 @@ class Source:
     centre: Floats
     """Point c in m at which the curved wave touches the plane, shape (d,)."""
     coherence_width: float = np.inf
-    """Standard deviation in m of the degree of coherence versus lag; infinite: coherent."""
+    """Coherence width in m, the standard deviation of the degree of coherence; inf if coherent."""
     wavelength: float | None = None
     """Wavelength in m of the curvature; None: the curvature is the same at all wavelengths."""
     paths: PathLengths | None = None
@@ -182,7 +186,8 @@ class Source:
     def copies(self) -> RepeatedElement | None:
         """The elements as shifted copies of one element; None if they are not copies.
 
-        Fewer than 24 elements are not tested, and have None unless they are a phased array.
+        Sources with fewer than 24 elements are not tested; the value is None unless the source is a
+        phased array.
         """
         if self.repeated is not None or len(self) < _LEAST_COPIES:
             return self.repeated
@@ -378,10 +383,7 @@ def _element_of(public: Any, weight: complex) -> SourceElement:
     pose = None
     if isinstance(public, PlacedAperture):
         public, pose = public.aperture, public.pose
-    if not isinstance(public, Aperture | Slits):
-        raise ArgumentError(
-            f"expected an Aperture, Slits or an Array of these, got {type(public).__name__}"
-        )
+    checked_type(public, "an Aperture, Slits or an Array of these", Aperture, Slits)
     field, d = public.illumination, 1 if isinstance(public, Slits) else 2
     if field is None:
         return SourceElement(public, weight, np.ones(1, np.complex128), np.zeros((1, d)), pose)

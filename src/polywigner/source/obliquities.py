@@ -1,11 +1,12 @@
 """Obliquity factors: the dependence of a source's field on the angle to its normal.
 
 A boundary condition is a pair (a, b). In a direction with the cosine c, it multiplies a wave with
-the direction cosine p_m (D1) by a c + b p_m, and the irradiance of two waves m and n by
+the direction cosine p_m, equation (D1), by a c + b p_m, and the irradiance of two waves m and n by
 
     g = (a c + b p_m) (a c + b p_n*).
 
-Sources whose waves have different cosines are split into sources with a common factor (D2), (D3).
+Sources whose waves have different cosines are split into sources with a common factor, equations
+(D2) and (D3).
 """
 
 from __future__ import annotations
@@ -32,10 +33,10 @@ from polywigner.source.normal_form import (
 
 
 def direction_cosines(frequencies: Floats, wavelength: float) -> NDArray[np.complex128]:
-    """Return p = sqrt(1 - (wavelength |kappa|)^2), shape (...), for kappa (..., d) in 1/m: (D1).
+    """Return p = sqrt(1 - (wavelength |kappa|)^2), shape (...), for kappa (..., d) in 1/m.
 
-    p is the cosine of the angle between a wave and the normal of the plane, and is positive
-    imaginary for evanescent waves.
+    p is the cosine of the angle between a wave and the normal of the plane, equation (D1), and is
+    positive imaginary for evanescent waves.
     """
     sine = np.linalg.norm(np.asarray(frequencies, dtype=np.float64) * wavelength, axis=-1)
     # A product of two roots is accurate for sines near 1 and does not overflow.
@@ -45,10 +46,11 @@ def direction_cosines(frequencies: Floats, wavelength: float) -> NDArray[np.comp
 def times_direction_cosine(
     source: PublicSource | Source, wavelength: float, constant: complex = 0.0
 ) -> PublicSource:
-    """Return a flat source with amplitudes c_m multiplied by p_m + constant, with p_m as in (D1).
+    """Return a flat source with amplitudes c_m multiplied by p_m + constant.
 
-    A curvature and a partial coherence of the source are dropped. Raises IlluminationError if all
-    products are zero, as for waves that graze the plane, |kappa| = 1/wavelength.
+    p_m is the direction cosine of wave m, equation (D1). A curvature and a partial coherence of the
+    source are dropped. Raises IlluminationError if all products are zero, as for waves that graze
+    the plane, |kappa| = 1/wavelength.
     """
     length, form = checked_length(wavelength, "wavelength"), normal_form(source)
 
@@ -85,7 +87,7 @@ ObliquityName = Literal[BoundaryCondition, "paper"]
 
 
 class Forms(NamedTuple):
-    """Coefficients of the factor g = square c^2 + linear c + constant (D2).
+    """Coefficients of the factor g = square c^2 + linear c + constant, equation (D2).
 
     The coefficients are floats or arrays of any engine.
     """
@@ -99,9 +101,10 @@ class Forms(NamedTuple):
         return self.square * cosine * cosine + self.linear * cosine + self.constant
 
     def radiance(self, cosine: Any) -> Any:
-        """Return h = g/cos for a cosine above zero, the factor in the radiance h W/lambda^2: (R1).
+        """Return h = g/cos for a cosine above zero, the factor in the radiance h W/lambda^2.
 
-        With the normal derivative, h is unbounded at grazing directions, but the power is finite.
+        The radiance is equation (R1). With the normal derivative, h is unbounded at grazing
+        directions, but the power is finite.
         """
         return (
             self.square * cosine + self.linear + (self.constant / cosine if self.constant else 0.0)
@@ -146,38 +149,41 @@ class Obliquity:
 
     @property
     def mirrored(self) -> float:
-        """Factor by which the mirror image's field contributes to the field at a point, (B2).
+        """Factor of the mirror image's field in the field at a point, equation (B2).
 
-        It is -1 for "rayleigh-sommerfeld-1", 0 for "kirchhoff" and 1 for "rayleigh-sommerfeld-2".
+        The factor is -1 for "rayleigh-sommerfeld-1", 0 for "kirchhoff" and 1 for
+        "rayleigh-sommerfeld-2".
         """
         return self.slope - self.field
 
     def amplitude(self, cosine: Any, p: Any = 1.0) -> Any:
         """Return the factor of the field at a cosine of the angle to the normal.
 
-        ``p`` is the direction cosine of the wave in the aperture, (D1). The factor of the paper is
-        the square root of the cosine for all waves.
+        ``p`` is the direction cosine of the wave in the aperture, equation (D1). The factor of the
+        paper is the square root of the cosine for all waves.
         """
         if not self.is_boundary_condition:
             return np.sqrt(cosine)
         return self.field * cosine + self.slope * p
 
     def terms(self, source: Aperture | Array, wavelength: float) -> list[tuple[Any, Forms]]:
-        """Return up to three flat sources and their forms, whose irradiances add up: (D2), (D3).
+        """Return up to three flat sources and their forms, whose irradiances add up.
 
-        There is one source if all waves leave at the same angle.
+        There is one source if all waves leave at the same angle; otherwise, see equations (D2) and
+        (D3).
         """
         if not self.is_boundary_condition:
             return [(source, Forms(0.0, 1.0, 0.0))]
         a, b, mixed = self.field, self.slope, self.field * self.slope
         p = direction_cosines(normal_form(source).frequencies, wavelength)
         if not b or float(np.abs(p - p[0]).max()) <= _SAME_COSINE:
-            # Python floats, because a NumPy scalar times a Dr.Jit array is a NumPy array.
+            # The coefficients are Python floats, because a NumPy scalar times a Dr.Jit array is a
+            # NumPy array.
             return [(source, Forms(a * a, float(2 * mixed * p[0].real), float(abs(b * p[0]) ** 2)))]
         weighted = times_direction_cosine(source, wavelength)
         if not a:
             return [(weighted, Forms(0.0, 0.0, b * b))]
-        # p_m + p_n* = (1 + p_m)(1 + p_n*) - 1 - p_m p_n*
+        # The sum p_m + p_n* equals (1 + p_m)(1 + p_n*) - 1 - p_m p_n*.
         return [
             (source, Forms(a * a, -mixed, 0.0)),
             (weighted, Forms(0.0, -mixed, b * b)),

@@ -22,7 +22,7 @@ CurrentModel = Literal["huygens", "magnetic", "electric"]
 
 
 class Currents(NamedTuple):
-    """Fractions of magnetic and electric currents that are equivalent to a field u p, (VP1)."""
+    """Fractions of magnetic and electric currents equivalent to a field u p, equation (VP1)."""
 
     magnetic: float
     electric: float
@@ -169,9 +169,10 @@ def stokes_vector(polarisation: Complex) -> Stokes:
 
 
 def stokes_fields(source: Any, polarisation: Complex) -> list[tuple[Any, Stokes]]:
-    """Return scalar sources and Stokes vectors; the sum of irradiance times vector is the total.
+    """Return scalar sources and their Stokes vectors, which together form a polarised field.
 
-    For one polarisation per element (n, 2), the fields are u_x, u_y, u_x + u_y and u_x + i u_y,
+    The Stokes parameters of the field are the sum of irradiance times Stokes vector. For one
+    polarisation per element (n, 2), the sources are u_x, u_y, u_x + u_y and u_x + i u_y,
     without zero fields.
     """
     if polarisation.ndim == 1:

@@ -21,10 +21,11 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner import geometry
 from polywigner.errors import ArgumentError, FileFormatError, at_key, value_text
 from polywigner.geometry import Aperture, PlacedAperture, Slits, Wavefront
-from polywigner.geometry.arguments import checked_path, rigid_pose, write_lines
-from polywigner.geometry.io.limits import bytes_of, text_of
+from polywigner.geometry.arguments import checked_path, only_given, rigid_pose, write_lines
+from polywigner.geometry.io.limits import bytes_of, checked_suffix, text_of
 from polywigner.geometry.parts import merge_parts, part_of_rings
 from polywigner.geometry.rings import oriented, polygon_of_part
+from polywigner.quantities import parse_wavelength
 from polywigner.source.array import Array, Element, PathLengths, phased_array
 from polywigner.source.polarisation import checked_polarisation
 from polywigner.source.source_tables import (
@@ -44,7 +45,6 @@ from polywigner.source.source_tables import (
     converted,
     product_of,
     required_wavelength,
-    wavelength_in,
 )
 
 if TYPE_CHECKING:
@@ -85,16 +85,13 @@ class Context(NamedTuple):
 
 def _only_key(table: Table, *origins: str) -> str:
     """Return the one key of ``origins`` that a table contains, or raise FileFormatError."""
-    present = [key for key in origins if getattr(table, key) is not None]
-    if len(present) != 1:
-        got = " and ".join(present) or "none"
-        raise FileFormatError(f"expected exactly one of the keys {', '.join(origins)}, got {got}")
+    present = only_given({key: getattr(table, key) for key in origins}, FileFormatError)
     for key in ("unit", "layer", "union"):
-        if present[0] != "file" and getattr(table, key, None):
+        if present != "file" and getattr(table, key, None):
             raise FileFormatError(
-                f"the key {key!r} applies only to the key 'file', got it with {present[0]!r}"
+                f"the key {key!r} applies only to the key 'file', got the key {present!r}"
             )
-    return present[0]
+    return present
 
 
 class _Illuminated(Kind):
@@ -267,12 +264,12 @@ def content_of(tables: Any, folder: Path, allow_outside: bool = False) -> FileCo
     """Convert the tables of a file to a source and its top-level settings.
 
     ``folder``: folder to which file names in the tables are relative. ``allow_outside``: whether
-    they may lie outside it.
+    files may be outside this folder.
     """
     tables = converted(tables, dict[str, Any])
     at_top = {key: tables.pop(key) for key in Top.__struct_fields__ if key in tables}
     body, top = converted(tables, SourceTable), converted(at_top, Top)
-    wavelength = wavelength_in(top)
+    wavelength = parse_wavelength(top.frequency, top.wavelength)
     source = flat = body.source(Context(folder, allow_outside, wavelength))
     if top.wavefront is not None:
         with at_key("wavefront"):
@@ -385,23 +382,18 @@ def read_content(path: str | os.PathLike[str], allow_outside: bool = False) -> F
     """Read the source of a file and its top-level settings."""
     file = checked_path(path)
     with at_key(str(file)):
-        tables = _parsed(text_of(bytes_of(file)), file.suffix)
+        tables = _parsed(text_of(bytes_of(file)), _format_of(file))
         return content_of(tables, file.parent, allow_outside)
 
 
-def _checked_suffix(suffix: str) -> str:
+def _format_of(file: Path) -> str:
     """Return the suffix .toml or .json in lower case; raise FileFormatError for other suffixes."""
-    if suffix.lower() not in (".toml", ".json"):
-        raise FileFormatError(
-            "expected a source file with the suffix .toml or .json, got "
-            f"{suffix or 'none'!r}; read a file of outlines with polywigner.read_aperture"
-        )
-    return suffix.lower()
+    return checked_suffix(file, (".toml", ".json"), "read outlines with polywigner.read_aperture")
 
 
 def _parsed(text: str, suffix: str) -> Any:
     """Return the content of a TOML or JSON text; raise FileFormatError if the text is invalid."""
-    parse = json.loads if _checked_suffix(suffix) == ".json" else tomllib.loads
+    parse = json.loads if suffix == ".json" else tomllib.loads
     try:
         return parse(text)
     except (ValueError, RecursionError) as error:
@@ -411,7 +403,7 @@ def _parsed(text: str, suffix: str) -> Any:
 def table_of(source: Any) -> dict[str, Any]:
     """Return the content of a source file for a source, made of dictionaries, lists and numbers.
 
-    Raises ArgumentError for other objects than sources.
+    Raises ArgumentError for objects other than sources.
     """
     if not isinstance(source, Wavefront):
         return {"version": VERSION, **_flat_table(source)}
@@ -531,5 +523,5 @@ def write_source(
         jones = checked_polarisation(polarisation, source)
         table["polarisation"] = jones.view(np.float64).reshape(*jones.shape, 2).tolist()
     with at_key(str(file)):
-        is_json = _checked_suffix(file.suffix) == ".json"
+        is_json = _format_of(file) == ".json"
     write_lines(file, [json.dumps(table) if is_json else _toml(table).rstrip("\n")])

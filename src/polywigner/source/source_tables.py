@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from polywigner import quantities
 from polywigner.errors import ArgumentError, FileFormatError, QuantityError, at_key, value_text
-from polywigner.geometry import Aperture, shapes
+from polywigner.geometry import Aperture, Slits, Wavefront, shapes
+from polywigner.geometry.arguments import checked_type
 from polywigner.geometry.illumination import Illumination
 from polywigner.source import arrays, tapers
 from polywigner.source.array import Array, phased_array, repeated_element
@@ -97,20 +98,6 @@ def converted(table: Any, kind: Any, strict: bool = True, key: str = "") -> Any:
         fault, _, path = text.replace(" | null", "").partition(" - at `$")
         fault, path = fault[0].lower() + fault[1:], f"{key}{path}".strip(".`")
         raise FileFormatError(f"{path}: {fault}" if path else fault) from None
-
-
-def wavelength_in(table: Any, default: float | None = None) -> float | None:
-    """Return the wavelength in m from the wavelength or frequency of a table, or the default.
-
-    Raises FileFormatError if the table has both.
-    """
-    if table.frequency is not None and table.wavelength is not None:
-        raise FileFormatError(
-            "expected either a frequency or a wavelength, got both; remove one of them"
-        )
-    if table.frequency is not None:
-        return quantities.wavelength_of(table.frequency)
-    return default if table.wavelength is None else float(table.wavelength)
 
 
 def required_wavelength(wavelength: float | None) -> float:
@@ -198,8 +185,8 @@ def call_table(
     function, values = _FUNCTIONS[type(table)], msgspec.structs.asdict(table)
     parameters = inspect.signature(function).parameters
     if "wavelength" in values:
-        values["wavelength"] = required_wavelength(wavelength_in(table, wavelength))
-        del values["frequency"]
+        given = quantities.parse_wavelength(values.pop("frequency"), values["wavelength"])
+        values["wavelength"] = required_wavelength(wavelength if given is None else given)
     if "theta" in values:
         direction = tapers.direction_of(values.pop("theta"), values.pop("phi"))
         values["direction"] = direction[: context["dimension"]]
@@ -269,9 +256,9 @@ def _split_at_commas(text: str) -> list[Any]:
 def apply_texts(source: Any, texts: Mapping[str, str], wavelength: float | None) -> Any:
     """Apply the short strings for field, layout, weights and wave to a source.
 
-    ``texts``: strings by name, :data:`SOURCE_TEXTS`; docs/source_files.md describes their grammar.
-    Lengths without a unit are in metres, angles in radians. ``wavelength`` in m is needed for
-    steering, focus and curved waves. Errors begin with the name of the string.
+    ``texts``: strings with their names, as in :data:`SOURCE_TEXTS`; docs/source_files.md describes
+    the grammar. Without a unit, lengths are in metres and angles are in radians. ``wavelength`` in
+    m is needed for steering, focus and curved waves. Errors begin with the name of the string.
     """
     for name in SOURCE_TEXTS:
         if name in texts:
@@ -285,12 +272,10 @@ def _with_text(source: Any, name: str, texts: Mapping[str, str], wavelength: flo
 
     Windows also use the layout ``texts["array"]``, if present.
     """
-    text, got = texts[name], type(source).__name__
+    text = texts[name]
     if name in ("curved", "coherence"):
-        if not hasattr(source, "curved"):
-            raise ArgumentError(
-                f"expected an aperture, slits or an array for this option, got {got}"
-            )
+        expected = "an aperture, slits or an array for this option"
+        checked_type(source, expected, Aperture, Slits, Array, Wavefront)
         if name == "coherence":
             return source.partially_coherent(quantities.parse_length(text))
         low, high = np.reshape(source.bounds, (2, -1))
@@ -298,8 +283,7 @@ def _with_text(source: Any, name: str, texts: Mapping[str, str], wavelength: flo
         return source.curved(radii, required_wavelength(wavelength), (low + high) / 2)
     table = _table_of_text(name, text)
     if name in ("taper", "array"):
-        if not isinstance(source, Aperture):
-            raise ArgumentError(f"expected an aperture for this option, got {got}")
+        checked_type(source, "an aperture for this option", Aperture)
         if name == "taper":
             return _tapered(source, table)
         return phased_array(source, call_table(converted(table, LayoutTable, strict=False)))
@@ -309,8 +293,9 @@ def _with_text(source: Any, name: str, texts: Mapping[str, str], wavelength: flo
         )
     if not isinstance(source, Array) or source.repeated is None:
         raise ArgumentError(
-            f"expected an array of identical elements with a flat wave, got {got}; specify array "
-            "as well, or define the array in the source file"
+            "expected an array of identical elements with a flat wave, got "
+            f"{type(source).__name__}; specify array as well, or define the array in the source "
+            "file"
         )
     layout = None
     if "array" in texts:
@@ -349,7 +334,7 @@ def parse_direction(text: str) -> tuple[float, float]:
     By default phi is 0. A negative theta becomes positive, and phi is rotated by pi.
     """
     theta, *phi = map(quantities.parse_angle, _split_at_commas(text))
-    # Rejects degrees without a unit.
+    # The condition also rejects degrees without a unit.
     if len(phi) > 1 or not abs(theta) < math.pi / 2:
         raise QuantityError(
             'expected a direction such as "20 deg" or "20 deg, 90 deg", within 90 deg of the '

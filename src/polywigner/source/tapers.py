@@ -15,13 +15,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError, value_text
 from polywigner.geometry.arguments import (
+    check_most,
     checked_choice,
     checked_count,
     checked_length,
     checked_number,
-    checked_vectors,
     complex_array,
     finite_array,
+    real_array,
     takes_frequency,
 )
 from polywigner.geometry.illumination import Illumination
@@ -33,13 +34,14 @@ _UNIT = 1e-6
 _ADVICE = "divide the vector by its length"
 
 
-def checked_unit_vectors(name: str, vectors: Any) -> Floats:
+def checked_unit_vectors(name: str, vectors: Any, *shape: Any) -> Floats:
     """Return unit vectors (..., 3); raise ArgumentError if a length differs from 1 by over 1e-6.
 
-    The vectors are not normalised. ``name``: name in the message.
+    The vectors are not normalised. ``name``: name in the message. ``shape``: (3,) for one vector.
     """
-    expected = f"expected {name} to be unit vectors of shape (..., 3)"
-    array = checked_vectors(vectors, expected, (3,))
+    shape_text = "(3,)" if shape else "(..., 3)"
+    expected = f"expected {name} to be unit vectors of shape {shape_text}"
+    array = real_array(vectors, expected, shape or (..., 3))
     length = np.linalg.norm(array, axis=-1)
     wrong = ~(np.abs(length - 1) <= _UNIT)
     if wrong.any():
@@ -55,8 +57,7 @@ def unit_vector(direction: Any) -> Floats:
 
     Lengths may differ from 1 by 1e-6; the vector is not normalised.
     """
-    expected = "expected a direction as a unit vector of shape (3,)"
-    vector = checked_unit_vectors("direction", finite_array(direction, expected, (3,)))
+    vector = checked_unit_vectors("direction", direction, 3)
     if vector[2] < 0:
         raise ArgumentError(
             "expected a direction in front of the aperture, with a z component of at least "
@@ -77,8 +78,9 @@ def direction_of(theta: float, phi: float = 0.0) -> Floats:
 def transverse(direction: Any) -> Floats:
     """Return the components of a direction along the aperture, shape (2,), or (1,) for slits.
 
-    The direction is given as a unit vector (3,), as these components (2,), or as the sine of an
-    angle. Raises ArgumentError for other values, and for vectors behind the aperture.
+    The direction is given as a unit vector (3,), as its components along the aperture (2,), or as
+    the sine of an angle. Raises ArgumentError for other values, and for vectors behind the
+    aperture.
     """
     expected = (
         "expected a direction as a unit vector of shape (3,), its components (2,) along the "
@@ -140,8 +142,8 @@ def steering(direction: ArrayLike, wavelength: float) -> Illumination:
     Parameters
     ----------
     direction : array_like, shape (3,) or (2,)
-        Unit vector with a positive z, of length 1 within 1e-6; or its components along the
-        aperture; or for slits the sine of the angle.
+        Unit vector with a positive z, of length 1 within 1e-6, or its components along the
+        aperture, or the sine of the angle for slits.
     wavelength : float
         Wavelength in m.
 
@@ -279,10 +281,10 @@ def taylor_taper(
         F_m = (-1)^(m+1)/2 prod_{i < nbar} [1 - m^2/(s^2 (A^2 + (i - 1/2)^2))]
                          / prod_{i < nbar, i != m} [1 - m^2/i^2]
 
-    This takes 2 nbar - 1 waves for each axis. The zeros of the transform are at
+    The taper consists of 2 nbar - 1 waves for each axis. The zeros of the transform are at
     |nu| width = s sqrt(A^2 + (i - 1/2)^2) for i < nbar, then at nbar, nbar + 1, ... The first
-    sidelobe lies at -sll dB, or less than 0.7 dB below it. The others are lower and fall as 1/|nu|
-    from nbar on.
+    sidelobe lies at -sll dB, or less than 0.7 dB below it. All other sidelobes are lower, and fall
+    as 1/|nu| from nbar on.
 
     Parameters
     ----------
@@ -328,12 +330,8 @@ def taylor_taper(
 
 def checked_sidelobes(sll: Any, nbar: Any) -> tuple[float, int]:
     """Return sidelobe suppression in dB and n-bar; raise ArgumentError if out of range."""
-    decibels = checked_number(sll, "sll", "a sidelobe suppression in dB, such as 30")
-    if not 0 < decibels <= _LARGEST_SUPPRESSION:
-        raise ArgumentError(
-            f"expected sll in dB above 0 and up to {_LARGEST_SUPPRESSION:g}, got "
-            f"{value_text(sll)}; pass 30 for sidelobes at -30 dB"
-        )
+    meaning = f"a number of dB above 0 and up to {_LARGEST_SUPPRESSION:g}, such as 30 for -30 dB"
+    decibels = checked_number(sll, "sll", meaning, lambda x: 0 < x <= _LARGEST_SUPPRESSION)
     return decibels, checked_count(nbar, "nbar", 1, _HIGHEST_NBAR)
 
 
@@ -359,14 +357,14 @@ _CONSTANT: _Waves = (np.ones(1), np.zeros(1))
 
 
 def _product_of_waves(along_x: _Waves, along_y: _Waves) -> Illumination:
-    """Return the field that is the product of a sum of waves along x and one along y."""
+    """Return the product of a sum of waves along x and a sum of waves along y as a field."""
     amplitudes = np.multiply.outer(along_x[0], along_y[0])
     frequencies = np.stack(np.meshgrid(along_x[1], along_y[1], indexing="ij"), axis=-1)
     return Illumination(amplitudes.ravel(), frequencies.reshape(-1, 2))
 
 
 def _half_periods(number: int, size: float, sine: bool) -> _Waves:
-    """Return cos, or sin if ``sine``, of number pi (x/size + 1/2) as a sum of waves along x.
+    """Return the cosine (with ``sine``, the sine) of number pi (x/size + 1/2) as waves along x.
 
     For the number 0, the result is the constant 1.
     """
@@ -380,7 +378,7 @@ def _half_periods(number: int, size: float, sine: bool) -> _Waves:
 
 def _taylor_coefficients(decibels: float, nbar: int) -> Floats:
     """Return the coefficients F_1 to F_(nbar - 1) of :func:`taylor_taper`."""
-    # arccosh(10^(sll/20))/pi, without cancellation for small sll
+    # A = arccosh(10^(sll/20))/pi is computed in a form without cancellation for small sll.
     excess = math.expm1(decibels / 20 * math.log(10))
     a = math.log1p(excess + math.sqrt(excess * (2 + excess))) / math.pi
     stretch = nbar**2 / (a**2 + (nbar - 0.5) ** 2)
@@ -412,7 +410,7 @@ class FittedIllumination(NamedTuple):
     """Number of linear combinations of waves that the samples determine."""
     cancellation: float
     """Ratio of sum |c_m| to the rms value of the samples. Errors of transforms grow by this factor,
-    errors of W and A by its square. Values of 1 to 10 are harmless."""
+    and errors of W and A grow by its square. Values of 1 to 10 are harmless."""
 
 
 def fit_illumination(
@@ -439,8 +437,8 @@ def fit_illumination(
     Parameters
     ----------
     points : array_like, shape (n, 2)
-        Positions in m; for slits (n, 1) or (n,). They need not form a grid. The fit is meaningless
-        outside their bounds, so sample up to the edges of the aperture.
+        Positions in m, of shape (n, 1) or (n,) for slits. The positions need not form a grid. The
+        fit is meaningless outside their bounds, so sample up to the edges of the aperture.
     values : array_like, shape (n,)
         Complex field at these points.
     frequencies : array_like, shape (m, d), optional
@@ -483,11 +481,7 @@ def fit_illumination(
         kappa = _default_frequencies(high - low, checked_count(order, "order", 0), len(positions))
     else:
         kappa = _distinct_frequencies(frequencies, positions.shape[1])
-    if len(kappa) > _MOST_WAVES:
-        raise ArgumentError(
-            f"expected at most {_MOST_WAVES} waves, got {len(kappa)}; pass fewer frequencies, "
-            "or a lower order"
-        )
+    check_most(len(kappa), _MOST_WAVES, "waves", "pass fewer frequencies, or a lower order")
     waves = np.exp(2j * np.pi * ((positions - centre) @ kappa.T))
     amplitudes, _, rank, _ = np.linalg.lstsq(waves, field, rcond=least)
     size = float(np.linalg.norm(field))

@@ -9,10 +9,10 @@ broadcast. The result has the broadcast shape without the last axis. A single po
 scalar. Lengths are in metres, and results are in m^d, where d is the number of dimensions.
 
 The formulas are in docs/theory.md. The error is at most 1e-12 of the area in float64 and 5e-6 of
-the area in float32, if |nu| times the diameter is at most 1e3. This holds at all positions, even if
-edges of the two copies of a source coincide. For thin outlines, combs and spirals the error of
-Wigner and ambiguity functions in float32 may reach 6e-7 times diameter times perimeter
-(docs/accuracy.md, "Limits").
+the area in float32, if |nu| times the diameter is at most 1e3. This error bound holds at all
+positions, even if edges of the two copies of a source coincide. For thin outlines, combs and
+spirals the error of Wigner and ambiguity functions in float32 may reach 6e-7 times diameter times
+perimeter (docs/accuracy.md, "Limits").
 """
 
 from polywigner.execution import Differentiable

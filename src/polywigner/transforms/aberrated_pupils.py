@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from types import NoneType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +18,12 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.geometry.arguments import checked_number, checked_wavelength, warn_caller
+from polywigner.geometry.arguments import (
+    checked_number,
+    checked_type,
+    checked_wavelength,
+    warn_caller,
+)
 from polywigner.geometry.convex import trapezoids
 from polywigner.geometry.hidden_parts import polygonal
 from polywigner.geometry.parts import shifted
@@ -181,8 +187,7 @@ class AberratedPupil:
         for k, element in enumerate(self.elements):
             if not element.has_unit_field:
                 some = numbers == k
-                phases = 2j * np.pi * (x[some] @ element.frequencies.T)
-                values[some] = np.exp(phases) @ element.amplitudes
+                values[some] = element.waves_at(x[some])
         return values
 
     def field(self, number: int, x: Floats) -> Complex:
@@ -347,15 +352,13 @@ def by_lag(regions: Slices, integrals: Complex) -> Complex:
 
 
 def checked_aberration(aberration: Any, wavelength: Any, *, has_gradients: bool = False) -> float:
-    """Return the wavelength in m; raise ArgumentError if it or the aberration is invalid.
+    """Return the wavelength in m; raise ArgumentError for invalid wavelengths or aberrations.
 
     The aberration may be None. ``has_gradients`` specifies whether Dr.Jit coefficients are allowed.
     """
-    if aberration is not None and not isinstance(aberration, Aberration):
-        raise ArgumentError(
-            "expected aberration to be a polywigner.Aberration, got "
-            f"{type(aberration).__name__}; use polywigner.zernike, or Aberration(function)"
-        )
+    expected = "aberration to be a polywigner.Aberration"
+    advice = "use polywigner.zernike, or Aberration(function)"
+    checked_type(aberration, expected, Aberration, NoneType, advice=advice)
     if aberration is not None and aberration.traced is not None and not has_gradients:
         raise ArgumentError(
             "only psf, otf and mtf accept an aberration with Dr.Jit coefficients; use "

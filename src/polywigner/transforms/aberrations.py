@@ -20,6 +20,7 @@ from polywigner.geometry.arguments import (
     checked_count,
     checked_length,
     checked_number,
+    checked_type,
     finite_array,
 )
 from polywigner.numerics import Complex, Floats
@@ -404,7 +405,8 @@ def zernike(
     radius : float
         Radius of the disc in m. The polynomials are also defined outside the disc.
     indexing : {"noll", "fringe", "osa"}
-        Numbering of the polynomials. It starts at 1 for "noll" and "fringe", and at 0 for "osa".
+        Numbering of the polynomials. The numbering starts at 1 for "noll" and "fringe", and at 0
+        for "osa".
     orthogonal_on : Aperture or Array, optional
         Pupil on which the polynomials are made orthogonal with unit rms, such as an annular,
         hexagonal or segmented pupil. The Gram-Schmidt method is applied in the order of the
@@ -414,7 +416,7 @@ def zernike(
     Returns
     -------
     Aberration
-        The aberration. Its attribute ``coefficients`` contains the values of the mapping in the
+        The aberration. The attribute ``coefficients`` contains the values of the mapping in the
         same order.
 
     Raises
@@ -429,11 +431,8 @@ def zernike(
     >>> round(float(defocus(5e-3, 0.0)) * 1e9, 3)  # times sqrt(3) at the rim
     43.301
     """
-    if not isinstance(coefficients, Mapping) or not coefficients:
-        raise ArgumentError(
-            "expected coefficients to be a mapping from indices to values in metres, got "
-            f"{coefficients!r:.80}; pass for example {{4: 25e-9}}"
-        )
+    expected = "coefficients to be a mapping from indices to values in metres"
+    checked_type(coefficients, expected, Mapping, advice="pass for example {4: 25e-9}")
     indices = _checked_indices(coefficients, indexing)
     values = [
         checked_number(value, f"coefficient {index}", "a finite number of metres")
@@ -558,8 +557,8 @@ def _zernike_modes(
 def _gram_schmidt(modes: ZernikeModes, pupil: Aperture | Array) -> Floats:
     """Return the lower triangular matrix (k, k) that makes k polynomials orthonormal on a pupil.
 
-    New polynomials are the matrix times the old ones, and have unit rms over the area. Raises
-    ArgumentError if the polynomials are linearly dependent on the pupil.
+    The new polynomials are the matrix times the old polynomials, and have unit rms over the area.
+    Raises ArgumentError if the polynomials are linearly dependent on the pupil.
     """
     degree = max(n for n, _ in modes.orders)
     triangles, _ = triangles_of(polygons_of(normal_form(pupil).in_plane.elements))

@@ -1,10 +1,10 @@
 """The common implementation of the public transforms.
 
-Points behind an optical system are mapped to points in front of it, (O2) and (O3). A partially
-coherent source is replaced by a coherent source times the degree of coherence, or by a closed form,
-(PC3). A curved wave is replaced by a flat wave at sheared points, (Q1) to (Q5). A kernel computes
-the transform of the flat source. For the curved wave u = u0 exp(i pi (x - c).Q (x - c)), which
-touches the plane of the source at c and has the curvature matrix Q,
+Points behind an optical system are mapped to points in front of it by equations (O2) and (O3). A
+partially coherent source is replaced by a coherent source times the degree of coherence, or by a
+closed form, equation (PC3). A curved wave is replaced by a flat wave at sheared points, equations
+(Q1) to (Q5). A kernel computes the transform of the flat source. For the curved wave u = u0 exp(i
+pi (x - c).Q (x - c)), which touches the plane of the source at c and has the curvature matrix Q,
 
     R(x, xi)  = R0(x, xi) exp(2 pi i (x - c).Q xi)
     W(x, nu)  = W0(x, nu - Q (x - c))
@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, TypeVar, final
 
 import numpy as np
@@ -121,12 +120,19 @@ def compute(
     with several waves is computed by :func:`polywigner.fourier`. ``through`` and ``wavelength`` [m]
     must be specified together, and the points are then points behind the optical system.
     """
-    call = partial(_before_system, name, source, through, wavelength, (precision, engine))
+    how, restored = (precision, engine), None
     is_differentiable = isinstance(source, Differentiable)
     if is_differentiable or execution.has_drjit(points.values()):
         numbers = source.numbers if is_differentiable else {}
-        return execution.on_components(call, points, numbers, precision, engine)
-    return call(points)
+        points, restored = execution.component_arrays(points, numbers, precision, engine)
+    if through is not None or wavelength is not None:
+        points = _mapped_points(name, source, through, wavelength, points)
+        source = source if is_differentiable else source.at_wavelength(wavelength)
+    transform: Callable[..., Values] = _of_flat_wave
+    if isinstance(source, Wavefront):
+        transform = _of_curved_wave if source.is_coherent else _of_partly_coherent_wave
+    value = transform(name, source, points, how)
+    return value if restored is None else restored(value)
 
 
 def _as_full_transform(name: str, source: Any, points: Points) -> tuple[bool, str, Points]:
@@ -183,7 +189,7 @@ def _of_flat_wave(
     execution.evaluate(
         kernel,
         source,
-        [component for array in arrays for component in execution.split(array)],
+        [array[..., k] for array in arrays for k in range(kernel.dimension)],
         double=precision != "single",
         engine=engine,
         outputs=len(parts),
@@ -221,8 +227,8 @@ def explain(
     Returns
     -------
     Plan
-        Object with the strings ``strategy``, ``engine`` and ``reason``. Its ``str()`` has three
-        lines.
+        Object with the strings ``strategy``, ``engine`` and ``reason``. The ``str()`` of this
+        object has three lines.
 
     Raises
     ------
@@ -267,27 +273,8 @@ def explain(
     return plan
 
 
-def _before_system(
-    name: str,
-    source: Any,
-    through: FirstOrder | None,
-    wavelength: float | None,
-    how: Options,
-    points: Points,
-) -> Values:
-    """Return a transform. Points behind an optical system are mapped to points in front of it."""
-    if through is not None or wavelength is not None:
-        points = _mapped_points(name, source, through, wavelength, points)
-        if not isinstance(source, Differentiable):
-            source = source.at_wavelength(wavelength)
-    if isinstance(source, Wavefront):
-        transform = _of_curved_wave if source.is_coherent else _of_partly_coherent_wave
-        return transform(name, source, points, how)
-    return _of_flat_wave(name, source, points, how)
-
-
 def _mapped_points(name: str, source: Any, through: Any, wavelength: Any, points: Points) -> Points:
-    """Map points behind an optical system to points in front of it, (O2), (O3).
+    """Map points behind an optical system to points in front of it, equations (O2) and (O3).
 
     Raises ArgumentError if the system or the wavelength is missing or invalid.
     """
@@ -335,10 +322,10 @@ def _blocks_for(system: FirstOrder, dimension: int) -> tuple[NDArray[np.float64]
 
 
 def _of_partly_coherent_wave(name: str, wave: Wavefront, points: Points, how: Options) -> Values:
-    """Return a transform of a source with a finite coherence width, (PC2), (PC3), (I5).
+    """Return a transform of a source with a finite coherence width.
 
-    Raises IlluminationError for the Fourier transform, and ArgumentError for Dr.Jit points if there
-    is no closed form.
+    The methods are equations (PC2), (PC3) and (I5). Raises IlluminationError for the Fourier
+    transform, and ArgumentError for Dr.Jit points if there is no closed form.
     """
     if name == "fourier":
         raise IlluminationError(
@@ -369,7 +356,7 @@ def _of_partly_coherent_wave(name: str, wave: Wavefront, points: Points, how: Op
 
     def of_coherent(x: Values, nu: Values) -> Values:
         """Return the Wigner function of the coherent source."""
-        return _before_system("wigner", coherent, None, None, how, {"x": x, "nu": nu})
+        return compute("wigner", coherent, {"x": x, "nu": nu}, *how)
 
     if not has_closed_form:
         return mean_over_tilts(of_coherent, wave, nu, x, double=double)
@@ -392,7 +379,7 @@ def _checked_components(points: Points, dimension: int) -> dict[str, Values]:
 
 
 def _of_curved_wave(name: str, wave: Wavefront, points: Points, how: Options) -> Values:
-    """Return a transform of a curved wave, from the flat wave at sheared points, (Q1) to (Q5)."""
+    """Return a transform of a curved wave from the flat wave, by equations (Q1) to (Q5)."""
     if name == "fourier":
         return _curved_spectrum(wave, points["nu"], how)
     d, q = wave.dimension, wave.curvature

@@ -64,7 +64,7 @@ def kernel_of(name: str, source: Any, precision: str | None, engine: str) -> Ker
 def broadcast_shape(arrays: Sequence[Any]) -> tuple[int, ...]:
     """Return the broadcast shape of points without the last axis, or raise ArgumentError."""
     try:
-        return np.broadcast_shapes(*[a.shape[:-1] for a in arrays])
+        return np.broadcast(*[a[..., 0] for a in arrays]).shape
     except ValueError:
         shapes = " and ".join(str(a.shape) for a in arrays)
         raise ArgumentError(
@@ -150,5 +150,5 @@ def checked_points(
         is_kept = value.dtype == np.float64 or (keep_single and value.dtype == np.float32)
         if is_kept and value.shape[-1:] == (dimension,):
             return np.asarray(value)
-    expected = f"expected {name} of shape (..., {dimension}), real numbers with the components"
+    expected = f"expected {name} of shape (..., {dimension}), with real numbers as components"
     return checked_vectors(value, f"{expected} on the last axis", (dimension,))

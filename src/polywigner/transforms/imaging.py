@@ -2,9 +2,9 @@
 
 A condenser illuminates an object with plane waves, one for each point x of its pupil (Koehler
 illumination). A spatial frequency of the object shifts x by a lag xi in the imaging pupil. The
-transmission cross coefficient is the integral of S(x) P(x + xi_1) conj P(x + xi_2) over x, (IM1),
-with the irradiance S in the condenser and the field P in the pupil. It is the area, or the Fourier
-transform, of the intersection of three polygons.
+transmission cross coefficient is the integral of S(x) P(x + xi_1) conj P(x + xi_2) over x, equation
+(IM1), with the irradiance S in the condenser and the field P in the pupil. The coefficient is the
+area, or the Fourier transform, of the intersection of three polygons.
 """
 
 from __future__ import annotations
@@ -22,8 +22,10 @@ from polywigner.execution import NumpyOperations
 from polywigner.execution.progress import with_progress
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import (
+    check_most,
     checked_array,
     checked_length,
+    checked_type,
     checked_wavelength,
     complex_array,
     finite_array,
@@ -31,7 +33,7 @@ from polywigner.geometry.arguments import (
 )
 from polywigner.geometry.hidden_parts import edges_around
 from polywigner.geometry.parts import shifted
-from polywigner.numerics import Complex, Floats, Indices, sums_by_index
+from polywigner.numerics import Complex, Floats, Indices, index_blocks, sums_by_index
 from polywigner.numerics.phases import simplex_plane_wave
 from polywigner.source import Array
 from polywigner.source.normal_form import normal_form
@@ -82,8 +84,8 @@ def transmission_cross_coefficient(
 
     The coefficient of the lags xi_1 and xi_2 is ``T = int S(x) P(x + xi_1) conj P(x + xi_2) dx /
     int S dx``, where P is the field in the pupil and S is the irradiance in the condenser, imaged
-    into the pupil. It is computed in closed form from intersections of polygons, in or out of focus
-    (docs/imaging.md, (IM1)). Source: H. H. Hopkins, Proc. R. Soc. A 217, 408 (1953).
+    into the pupil. The coefficient is computed in closed form from intersections of polygons, in or
+    out of focus (docs/imaging.md, (IM1)). Source: H. H. Hopkins, Proc. R. Soc. A 217, 408 (1953).
 
     Parameters
     ----------
@@ -129,11 +131,8 @@ def transmission_cross_coefficient(
     both = [_plane_points(name, xi) for name, xi in (("xi_1", xi_1), ("xi_2", xi_2))]
     shape = broadcast_shape(both)
     pairs = [np.broadcast_to(xi, (*shape, 2)).reshape(-1, 2) for xi in both]
-    if len(pairs[0]) * system.size > _MOST:
-        raise ArgumentError(
-            f"too many pairs of lags: {len(pairs[0])}, at most {_MOST // system.size} for "
-            "this pupil and condenser; pass fewer pairs at once"
-        )
+    things = "pairs of lags for this pupil and condenser"
+    check_most(len(pairs[0]), _MOST // system.size, things, "pass fewer pairs at once")
     lags, number = np.unique(np.concatenate(pairs), axis=0, return_inverse=True)
     values = system.coefficients(lags, *number.reshape(2, -1))
     return values.reshape(shape)[()]
@@ -165,7 +164,7 @@ def partially_coherent_image(
     Parameters
     ----------
     mask : Aperture or Array
-        Apertures that do not overlap. Their weights are the transmitted amplitudes.
+        Apertures that do not overlap. The weights are the transmitted amplitudes.
     period : array_like, shape (2,) or (2, 2)
         Periods along x and y in m, or two vectors of the lattice as rows. The copies of the mask
         must not overlap.
@@ -193,8 +192,8 @@ def partially_coherent_image(
     Returns
     -------
     ndarray of float, shape (...)
-        Irradiance, at least 0. It is relative to the irradiance without a mask, with all light
-        transmitted by the pupil.
+        Irradiance, at least 0. The value is relative to the irradiance without a mask, with all
+        light transmitted by the pupil.
 
     Raises
     ------
@@ -241,10 +240,9 @@ def partially_coherent_image(
     modes = vectors[:, some] * np.sqrt(parts[some])
     flat = image_points.reshape(-1, 2)
     image = np.empty(len(flat))
-    step = max(1, _BLOCK // len(orders))
-    for start in range(0, len(flat), step):
-        waves = np.exp(2j * np.pi * (flat[start : start + step] @ orders.T))
-        image[start : start + step] = np.square(np.abs(waves @ modes)).sum(axis=1)
+    for block in index_blocks(len(flat), _BLOCK // len(orders)):
+        waves = np.exp(2j * np.pi * (flat[block] @ orders.T))
+        image[block] = np.square(np.abs(waves @ modes)).sum(axis=1)
     return image.reshape(image_points.shape[:-1])[()]
 
 
@@ -344,8 +342,7 @@ class _System:
         _check_orders(len(lags), self.size)
         first, second = np.triu_indices(len(lags))
         above = np.zeros((len(lags), len(lags)), np.complex128)
-        blocks = [slice(k, k + _PAIRS) for k in range(0, len(first), _PAIRS)]
-        with with_progress("pairs of orders", blocks) as remaining:
+        with with_progress("pairs of orders", index_blocks(len(first), _PAIRS)) as remaining:
             for some in remaining:
                 pairs = first[some], second[some]
                 above[pairs] = self.coefficients(lags, *pairs)
@@ -371,7 +368,7 @@ def _passing_parts(light: Any, pupil: Any, lags: Floats) -> NDArray[Any]:
 
 
 def _polygon_transforms(polygons: Any, frequencies: Any) -> Complex:
-    """Return the Fourier transform of each polygon at its own frequency, (F2)."""
+    """Return the Fourier transform of each polygon at its own frequency, equation (F2)."""
     nu = np.asarray(frequencies, np.float64)
     shapes = np.asarray(polygons, object)
     of, begin, end = edges_around(shapes)
@@ -420,21 +417,14 @@ def _passes(system: _System, lags: Floats) -> NDArray[np.bool_]:
 
 def _check_orders(count: float, size: int) -> None:
     """Raise ArgumentError if the pairs of ``count`` orders need too many intersections."""
-    if not 0.5 * count * (count + 1.0) * size <= _MOST:
-        most = int(math.sqrt(2.0 * _MOST / size))
-        raise ArgumentError(
-            f"too many diffraction orders of the mask pass the pupil: {count:.6g}, at most "
-            f"{most} for this pupil and condenser; use a smaller condenser or pupil, or a "
-            "shorter period"
-        )
+    remedy = "use a smaller condenser or pupil, or a shorter period"
+    things = "diffraction orders of the mask that pass the pupil"
+    check_most(count, int(math.sqrt(2.0 * _MOST / size)), things, remedy)
 
 
 def _check_overlaps(mask: Aperture | Array, lattice: Floats) -> None:
-    """Raise GeometryError if elements of a periodic mask overlap, also those of other periods."""
-    if not isinstance(mask, Aperture | Array):
-        raise ArgumentError(
-            f"expected mask to be an Aperture, or an Array of apertures, got {type(mask).__name__}"
-        )
+    """Raise GeometryError if elements of a periodic mask overlap, within or between periods."""
+    checked_type(mask, "mask to be an Aperture, or an Array of apertures", Aperture, Array)
     elements = np.array([element.polygons for element in mask.elements_in_plane], object)
     low, high = np.reshape(shapely.total_bounds(elements), (2, 2))
     size = high - low

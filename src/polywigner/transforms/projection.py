@@ -6,6 +6,7 @@ Each projection, called a tile, has a closed form, which a table at the end of t
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from types import NoneType
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 import numpy as np
@@ -14,7 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, checked_engine
 from polywigner.geometry import Slits, Wavefront
-from polywigner.geometry.arguments import checked_choice, checked_count, finite_array
+from polywigner.geometry.arguments import (
+    check_most,
+    checked_choice,
+    checked_count,
+    checked_type,
+    finite_array,
+)
 from polywigner.geometry.rings import sides_of
 from polywigner.kernels import kernel_for
 from polywigner.numerics import Floats
@@ -173,7 +180,7 @@ def projections(
         values = tile.values(source, axes[tile.first], axes[tile.second], engine)
         arrays[name] = labelled_array(values, (tile.first, tile.second), attrs)
     coords = {
-        name: labelled_array(values, (name,), {"units": "1/m" if _is_frequency(name) else "m"})
+        name: labelled_array(values, (name,), {"units": "1/m" if is_frequency(name) else "m"})
         for name, values in axes.items()
         if name in used
     }
@@ -181,7 +188,7 @@ def projections(
     return labelled_arrays(arrays, coords, attrs)
 
 
-def _is_frequency(name: str) -> bool:
+def is_frequency(name: str) -> bool:
     """Return whether the name of a coordinate denotes a spatial frequency, nu or upsilon."""
     return name.startswith(("nu", "upsilon"))
 
@@ -191,8 +198,7 @@ def _requested_tiles(available: Mapping[str, Tile], names: Iterable[str] | None)
 
     Raises ArgumentError for unknown names.
     """
-    if not isinstance(names, Iterable | None):
-        raise ArgumentError(f"expected tiles to be a list of names, got {type(names).__name__}")
+    checked_type(names, "tiles to be a list of names", Iterable, NoneType)
     requested = [names] if isinstance(names, str) else list(available if names is None else names)
     return [checked_choice(name, "each of the tiles", available) for name in requested]
 
@@ -210,11 +216,8 @@ def _coordinate_values(
     names = dict.fromkeys(name for tile in tiles.values() for name in (tile.first, tile.second))
     count = checked_count(samples, "samples", 2, LARGEST_SAMPLES)
     requested = {} if coordinates is None else coordinates
-    if not isinstance(requested, Mapping):
-        raise ArgumentError(
-            "expected coordinates to be a mapping from names of coordinates to values, got "
-            f"{type(requested).__name__}"
-        )
+    expected = "coordinates to be a mapping from names of coordinates to values"
+    checked_type(requested, expected, Mapping)
     for name in requested:
         checked_choice(name, "each of the coordinates", names)
     low, widths = np.reshape(source.bounds, (2, -1))[0], sides_of(source.bounds).tolist()
@@ -222,7 +225,7 @@ def _coordinate_values(
     for name in names:
         axis = int(name.endswith("y"))
         width, centre = widths[axis], 0.0
-        half_range = _LOBES / width if _is_frequency(name) else _MARGIN * width
+        half_range = _LOBES / width if is_frequency(name) else _MARGIN * width
         if name in ("x", "y"):
             centre, half_range = low[axis] + width / 2, half_range / 2
         axes[name] = (
@@ -239,11 +242,7 @@ def _checked_values(name: str, values: ArrayLike) -> Floats:
     Raises ArgumentError for other values.
     """
     array = finite_array(values, f"expected {name} to be finite numbers of shape (n,)", (None,))
-    if len(array) > LARGEST_SAMPLES:
-        raise ArgumentError(
-            f"expected up to {LARGEST_SAMPLES} values of {name}, got {len(array)}; compute "
-            "several datasets"
-        )
+    check_most(len(array), LARGEST_SAMPLES, f"values of {name}", "compute several datasets")
     return array
 
 
@@ -315,14 +314,14 @@ def _points_on_row(values: Floats, y: float = 0.0) -> Floats:
 
 
 def _shadow_product(field: PlaneField, x: Floats, xi_x: Floats) -> Array:
-    """Return R at all pairs of x (n,) and xi_x (m,), integrated over y and xi_y, (P4)."""
+    """Return R at all pairs of x (n,) and xi_x (m,), integrated over y and xi_y, equation (P4)."""
     at = (x - field.centre[0])[:, None]
     ahead, behind = (column_integrals(field, (at + half).ravel()) for half in (xi_x / 2, -xi_x / 2))
     return (ahead * np.conj(behind)).reshape(len(x), len(xi_x))
 
 
 def _mirrored_overlap(field: PlaneField, x: Floats, xi_y: Floats) -> Array:
-    """Return R at all pairs of x (n,) and xi_y (m,), integrated over y and xi_x, (P5)."""
+    """Return R at all pairs of x (n,) and xi_y (m,), integrated over y and xi_x, equation (P5)."""
     x = x - field.centre[0]
     if field.is_uniform:
         return mirrored_correlation(field, x, xi_y)
@@ -338,23 +337,23 @@ def _mirrored_overlap(field: PlaneField, x: Floats, xi_y: Floats) -> Array:
 
 
 def _pairing_of_columns(first: Floats, second: Floats) -> tuple[Floats, Floats]:
-    """Return shifts (m, 2) and phase rates (m, 2) in 1/m for m pairs of waves, (P5)."""
+    """Return shifts (m, 2) and phase rates (m, 2) in 1/m for m pairs of waves, equation (P5)."""
     shift = np.column_stack([first[:, 0] + second[:, 0], first[:, 1] - second[:, 1]])
     return shift, np.column_stack([-2 * second[:, 0], second[:, 1]])
 
 
 def _intensity(source: PhaseSpaceSource, grid: Floats, *, engine: Engine) -> Array:
-    """Return |u|^2 at positions (..., 2), which is W integrated over the frequencies, (P6)."""
+    """Return |u|^2, the integral of W over frequencies, at positions (..., 2), equation (P6)."""
     return np.asarray(autocorrelation(source, grid, np.zeros(2), engine=engine).real)
 
 
 def _power_spectrum(source: PhaseSpaceSource, grid: Floats, *, engine: Engine) -> Array:
-    """Return |F|^2 at frequencies (..., 2), which is W integrated over the positions, (P7)."""
+    """Return |F|^2, the integral of W over positions, at frequencies (..., 2), equation (P7)."""
     return _squared(fourier(source, grid, engine=engine))
 
 
 def _wigner_of_rows(field: PlaneField, x: Floats, nu_x: Floats) -> Array:
-    """Return W at all pairs of x (n,) and nu_x (m,), integrated over y and nu_y, (P8)."""
+    """Return W at all pairs of x (n,) and nu_x (m,), integrated over y and nu_y, equation (P8)."""
     x = x - field.centre[0]
     # The field on the overlap is Hermitian, so its Fourier transform is real.
     ahead: Image = (2.0, 1.0), _points_on_row(-2 * x)
@@ -364,13 +363,13 @@ def _wigner_of_rows(field: PlaneField, x: Floats, nu_x: Floats) -> Array:
 
 
 def _pairing_of_row(first: Floats, second: Floats) -> tuple[Floats, Floats]:
-    """Return shifts (m, 2) and phase rates (m, 1) in 1/m for m pairs of waves, (P8)."""
+    """Return shifts (m, 2) and phase rates (m, 1) in 1/m for m pairs of waves, equation (P8)."""
     shift = np.column_stack([(first[:, 0] + second[:, 0]) / 2, first[:, 1] - second[:, 1]])
     return shift, first[:, :1] - second[:, :1]
 
 
 def _column_powers(field: PlaneField, x: Floats, nu_y: Floats) -> Array:
-    """Return W at all pairs of x (n,) and nu_y (m,), integrated over y and nu_x, (P9)."""
+    """Return W at all pairs of x (n,) and nu_y (m,), integrated over y and nu_x, equation (P9)."""
     return _squared(column_spectra(field, x - field.centre[0], nu_y))
 
 
@@ -380,18 +379,18 @@ def _squared(values: Array) -> Array:
 
 
 def _at_opposite_points(source: PhaseSpaceSource, grid: Floats, *, engine: Engine) -> Array:
-    """Return R(0, xi) at lags (..., 2), which is A integrated over the frequency shifts, (P10)."""
+    """Return R(0, xi), the integral of A over frequency shifts, at lags xi, equation (P10)."""
     return np.asarray(autocorrelation(source, np.zeros(2), grid, engine=engine))
 
 
 def _spectrum_product(source: PhaseSpaceSource, grid: Floats, *, engine: Engine) -> Array:
-    """Return F(upsilon/2) F*(-upsilon/2) on a grid (..., 2): A integrated over the lags, (P11)."""
+    """Return F(upsilon/2) F*(-upsilon/2), the integral of A over all lags, equation (P11)."""
     ahead = fourier(source, grid / 2, engine=engine)
     return np.asarray(ahead * np.conj(fourier(source, -grid / 2, engine=engine)))
 
 
 def _ambiguity_of_rows(field: PlaneField, upsilon_x: Floats, xi_x: Floats) -> Array:
-    """Return A at all pairs of upsilon_x (n,) and xi_x (m,), integrated over the others, (P12)."""
+    """Return A at upsilon_x (n,) and xi_x (m,), integrated along both y axes, equation (P12)."""
     x, y = field.centre.tolist()
     ahead: Image = (1.0, 1.0), _points_on_row(-xi_x / 2, y)
     behind: Image = (1.0, -1.0), _points_on_row(xi_x / 2, -y)
@@ -402,13 +401,13 @@ def _ambiguity_of_rows(field: PlaneField, upsilon_x: Floats, xi_x: Floats) -> Ar
 
 
 def _pairing_of_opposite_rows(first: Floats, second: Floats) -> tuple[Floats, Floats]:
-    """Return shifts (m, 2) and phase rates (m, 2) in 1/m for m pairs of waves, (P12)."""
+    """Return shifts (m, 2) and phase rates (m, 2) in 1/m for m pairs of waves, equation (P12)."""
     shift = np.column_stack([first[:, 0] - second[:, 0], first[:, 1] + second[:, 1]])
     return shift, np.column_stack([(first[:, 0] + second[:, 0]) / 2, second[:, 1] - first[:, 1]])
 
 
 def _opposite_columns(field: PlaneField, upsilon_y: Floats, xi_x: Floats) -> Array:
-    """Return A at all pairs of upsilon_y (n,) and xi_x (m,), integrated over the others, (P13)."""
+    """Return A at upsilon_y (n,) and xi_x (m,), integrated over the other axes, equation (P13)."""
     x, y = field.centre.tolist()
     ahead, behind = (
         column_spectra(field, sign * xi_x / 2 - x, sign * upsilon_y / 2) for sign in (1.0, -1.0)

@@ -45,21 +45,21 @@ def fourier(
     """Compute the Fourier transform F(nu) of a source.
 
     The transform is the integral of u(x) exp(-2 pi i nu.x) over the source, where u is the field.
-    It has a closed form at any frequency nu, including zero (docs/theory.md, (F2), (F3), (S1),
-    (C1), (I1)). The error is 1e-13 of the length, area or volume of the source, or 2e-6 in single
-    precision, for any magnitude and direction of nu. Polyhedra and outlines with thin walls, and
-    lattices of more than 100 cycles, lose digits (docs/accuracy.md).
+    The transform has a closed form at any frequency nu, including zero (docs/theory.md, (F2), (F3),
+    (S1), (C1), (I1)). The error is 1e-13 of the length, area or volume of the source, or 2e-6 in
+    single precision, for any magnitude and direction of nu. Polyhedra and outlines with thin walls,
+    and lattices of more than 100 cycles, lose digits (docs/accuracy.md).
 
     In contrast, the paper's eq. (FVT) has the kernel exp(+2 pi i nu.x) and is singular at nu = 0.
-    Its factor (nu/|nu|).n for collections is an obliquity factor, which is not part of the
+    The paper's factor (nu/|nu|).n for collections is an obliquity factor, which is not part of the
     transform (docs/theory/fields.md).
 
     The computing time is proportional to the number of edges of an outline, or the number of
     triangles in the faces of a polyhedron, and to the number of waves of the illumination. If the
     illumination of a rectangle is a product of two functions along its sides, the waves along each
-    side are summed separately, (I4). If the frequencies form a grid from ``numpy.meshgrid``, the
-    time per frequency is much shorter for outlines whose edges are parallel and equally long, or
-    parallel to the axes, (F4).
+    side are summed separately, equation (I4). If the frequencies form a grid from
+    ``numpy.meshgrid``, the time per frequency is much shorter for outlines whose edges are parallel
+    and equally long, or parallel to the axes, equation (F4).
 
     Parameters
     ----------
@@ -102,16 +102,12 @@ def fourier(
     if isinstance(source, Wavefront):
         return compute("fourier", source, {"nu": nu}, precision, engine)
     how: dict[str, Any] = {"precision": precision, "engine": engine}
-
-    def call(points: dict[str, Any]) -> Values:
-        """Return the transform at the points of one kind of array."""
-        return _fourier_of_flat(source, points["nu"], how)
-
     if isinstance(source, Differentiable) or execution.is_drjit(nu):
         numbers = source.numbers if isinstance(source, Differentiable) else {}
-        return execution.on_components(call, {"nu": nu}, numbers, precision, engine)
+        points, restored = execution.component_arrays({"nu": nu}, numbers, precision, engine)
+        return restored(_fourier_of_flat(source, points["nu"], how))
     with np.errstate(invalid="ignore", over="ignore"):
-        return call({"nu": nu})
+        return _fourier_of_flat(source, nu, how)
 
 
 def _fourier_of_flat(source: Source | Differentiable, nu: Any, how: dict[str, Any]) -> Values:
@@ -142,7 +138,7 @@ def _illumination_of(source: Source) -> Illumination | None:
 
 
 def _sum_of_waves(source: Any, nu: Any, how: dict[str, Any]) -> Values:
-    """Return the Fourier transform of a source with an illumination, as a sum over waves, (I1)."""
+    """Return the Fourier transform of a source as a sum over its plane waves, equation (I1)."""
     (element,) = normal_form(source).elements
     uniform: Any = element.outline
     total: Values = 0.0
@@ -177,7 +173,7 @@ def _frequency_difference(nu: Any, kappa: Floats) -> tuple[Values, Floats | None
 
 
 def _coherent_sum(array: Array, nu: Any, how: dict[str, Any]) -> Values:
-    """Return the Fourier transform of an array from its elements, (C1), or array factor, (L3)."""
+    """Return the Fourier transform of an array, by equation (C1) or with the array factor (L3)."""
     if array.repeated is not None:
         first, shifts = array.repeated
         plane = in_plane(nu) if shifts.shape[1] == 2 else nu
@@ -264,15 +260,15 @@ def autocorrelation(
 ) -> Values:
     """Compute the autocorrelation of the field on a source.
 
-    The autocorrelation is R(x, xi) = u(x + xi/2) conj(u(x - xi/2)), where u is the field; it is the
+    The autocorrelation is R(x, xi) = u(x + xi/2) conj(u(x - xi/2)), where u is the field, as in the
     paper's eq. (auto_lag). The source includes its boundary on the left and lower sides, and
     excludes it on the right and upper sides.
 
     Parameters
     ----------
     source : Aperture, Slits, Array or Wavefront
-        The source, with d = 2 for apertures and arrays of apertures, and d = 1 for slits. Its field
-        may be uniform, a sum of plane waves, curved or partly coherent.
+        The source, with d = 2 for apertures and arrays of apertures, and d = 1 for slits. The field
+        of the source may be uniform, a sum of plane waves, curved or partly coherent.
     x : array_like, shape (..., d)
         Positions in m. A position is the midpoint of the two points.
     xi : array_like, shape (..., d)
@@ -319,16 +315,16 @@ def wigner(
     """Compute the Wigner function W(x, nu) of a source.
 
     The Wigner function is ``int u(x + xi/2) u*(x - xi/2) exp(-2 pi i nu.xi) d xi``, where u is the
-    field on the source. It is computed in closed form, as the Fourier transform of the lag slice at
-    x. (Erratum: in the paper's definition of the slice, the matrices M must translate by 2x.) The
-    elements of an Array may overlap, (W2). The computing time is proportional to the number of
-    pairs of edges that can cross. The slice at a position x is computed only once for all
-    frequencies.
+    field on the source. The function is computed in closed form, as the Fourier transform of the
+    lag slice at x. (Erratum: in the paper's definition of the slice, the matrices M must translate
+    by 2x.) The elements of an Array may overlap, equation (W2). The computing time is proportional
+    to the number of pairs of edges that can cross. The slice at a position x is computed only once
+    for all frequencies.
 
     Parameters
     ----------
     source : Aperture, Slits, Array or Wavefront
-        The source, with d = 2 for apertures and arrays of apertures, and d = 1 for slits; or the
+        The source, with d = 2 for apertures and arrays of apertures, and d = 1 for slits, or the
         result of :func:`differentiable`.
     x : array_like, shape (..., d)
         Positions in m.
@@ -337,7 +333,7 @@ def wigner(
     through : FirstOrder, optional
         Optical system between the source and the plane of ``x`` and ``nu``. The Wigner function in
         this plane equals the Wigner function of the source, at the position and direction from
-        which the ray comes, (O2). For slits the system must not couple x and y.
+        which the ray comes, equation (O2). For slits the system must not couple x and y.
     wavelength : float, optional
         Wavelength in m; only used together with ``through``.
     precision, engine : str, optional
@@ -385,22 +381,22 @@ def ambiguity(
     """Compute the ambiguity function A(upsilon, xi) of a source.
 
     The ambiguity function is ``int u(x + xi/2) u*(x - xi/2) exp(-2 pi i upsilon.x) d x``, where u
-    is the field on the source. It is computed in closed form, as the Fourier transform of the
-    position slice at xi. (Erratum: the paper has x.xi in place of upsilon.x in the kernel.) The
+    is the field on the source. The function is computed in closed form, as the Fourier transform of
+    the position slice at xi. (Erratum: the paper has x.xi in place of upsilon.x in the kernel.) The
     computing time is proportional to twice the number of pairs of edges that can cross.
 
     Parameters
     ----------
     source : Aperture, Slits, Array or Wavefront
-        The source, with d = 2 for apertures and arrays of apertures, and d = 1 for slits; or the
+        The source, with d = 2 for apertures and arrays of apertures, and d = 1 for slits, or the
         result of :func:`differentiable`.
     upsilon : array_like, shape (..., d)
         Real frequency shifts in 1/m.
     xi : array_like, shape (..., d)
         Lags in m, which broadcast against ``upsilon``.
     through : FirstOrder, optional
-        Optical system between the source and the plane of the lags, (O3). For slits the system
-        must not couple x and y.
+        Optical system between the source and the plane of the lags, equation (O3). For slits the
+        system must not couple x and y.
     wavelength : float, optional
         Wavelength in m; only used together with ``through``.
     precision, engine : str, optional
@@ -439,14 +435,14 @@ def position_marginal(
 ) -> Values:
     """Compute the position marginal R_x(x), the integral of the autocorrelation over all lags.
 
-    The position marginal equals the Wigner function W(x, 0). For a uniform source it is the area of
-    the lag slice at x.
+    The position marginal equals the Wigner function W(x, 0). For a uniform source, the marginal is
+    the area of the lag slice at x.
 
     Parameters
     ----------
     source : Aperture, Slits, Array or Wavefront
-        The source, with d = 2 for apertures and arrays of apertures, and d = 1 for slits. Its field
-        may be uniform, a sum of plane waves, curved or partly coherent.
+        The source, with d = 2 for apertures and arrays of apertures, and d = 1 for slits. The field
+        of the source may be uniform, a sum of plane waves, curved or partly coherent.
     x : array_like, shape (..., d)
         Positions in m.
     precision, engine : str, optional
@@ -482,15 +478,15 @@ def lag_marginal(
 ) -> Values:
     """Compute the lag marginal R_xi(xi), the integral of the autocorrelation over all positions.
 
-    The lag marginal equals the ambiguity function A(0, xi). For a uniform source it is the area of
-    the position slice, which is the area of the source times the optical transfer function of a
-    pupil of this shape.
+    The lag marginal equals the ambiguity function A(0, xi). For a uniform source, the marginal is
+    the area of the position slice, which is the area of the source times the optical transfer
+    function of a pupil of this shape.
 
     Parameters
     ----------
     source : Aperture, Slits, Array or Wavefront
-        The source, with d = 2 for apertures and arrays of apertures, and d = 1 for slits. Its field
-        may be uniform, a sum of plane waves, curved or partly coherent.
+        The source, with d = 2 for apertures and arrays of apertures, and d = 1 for slits. The field
+        of the source may be uniform, a sum of plane waves, curved or partly coherent.
     xi : array_like, shape (..., d)
         Lags in m.
     precision, engine : str, optional
@@ -499,8 +495,8 @@ def lag_marginal(
     Returns
     -------
     ndarray, shape (...)
-        Values of R_xi in m^d. They are real for a uniform source, and complex for an Array, an
-        illumination and a curved wave. For Dr.Jit arrays and DataArrays see :func:`fourier`.
+        Values of R_xi in m^d. The values are real for a uniform source, and complex for an Array,
+        an illumination and a curved wave. For Dr.Jit arrays and DataArrays see :func:`fourier`.
 
     Raises
     ------
@@ -526,6 +522,6 @@ def energy_of(source: PhaseSpaceSource) -> float:
 
     Rounding errors may make the value negative if the elements cancel each other everywhere.
     """
-    # Compiling a kernel takes longer than computing a single value with NumPy.
+    # The engine is NumPy, because compiling a kernel takes longer than computing a single value.
     lag = np.zeros(kernels.kernel_for("ambiguity", flat_source(source)).dimension)
     return float(np.real(lag_marginal(source, lag, engine="numpy")))

@@ -16,6 +16,7 @@ from polywigner.geometry.arguments import (
     checked_number,
     checked_row,
     checked_wavelength,
+    only_given,
 )
 from polywigner.numerics import Floats
 from polywigner.source import Array
@@ -87,8 +88,8 @@ def otf(
     aberration : Aberration, optional
         Path length in m, in addition to the defocus. Not supported for slits.
     wavelength : float, optional
-        Wavelength in m, for the aberration and for pistons and tilts of segments. It is required
-        with an aberration.
+        Wavelength in m, for the aberration and for pistons and tilts of segments. The wavelength is
+        required with an aberration.
     tolerance : float, default 1e-10
         Allowed error for aberrated pupils, at least 1e-13. The error is estimated with a second
         quadrature rule.
@@ -156,7 +157,8 @@ def _otf_jets(
             values = lag_marginal(source, lags, **how)
         else:
             values = ambiguity(source, -2.0 * bend * lags, lags, **how)
-        # In place, because page faults of another array would take longer than the kernel.
+        # The division is in place, because page faults of another array would take longer than the
+        # kernel.
         values = np.asarray(values)
         values /= checked_energy(source)
         return np.reshape(values + 0j, (-1, 1))
@@ -224,8 +226,8 @@ def mtf(
         / numerical_aperture`` (Abbe's sine condition). For a disc pass its radius as
         ``pupil_radius``.
     aberration : Aberration, optional
-        Path length in m, in addition to the defocus, see :func:`otf`. It is the same at all
-        wavelengths.
+        Path length in m, in addition to the defocus, see :func:`otf`. The path length is the same
+        at all wavelengths.
     weights : array_like, shape (k,), optional
         Weights of the wavelengths, at least 0. By default all weights are equal.
     pixel : float or array_like, shape (d,), default 0
@@ -284,7 +286,7 @@ def _checked_pupil(source: Any) -> PhaseSpaceSource:
     pupil: PhaseSpaceSource = source
     if is_partly_coherent(source):
         raise IlluminationError(
-            "expected a fully coherent pupil, got one with coherence width "
+            "expected a fully coherent pupil, got a pupil with a coherence width of "
             f"{source.coherence_width:g} m: imaging in partially coherent light has no "
             "transfer function; use the attribute .coherent of the pupil, or "
             "polywigner.lag_marginal for the degree of coherence"
@@ -337,20 +339,12 @@ def image_distance(focal_length: Any, numerical_aperture: Any, radius: float) ->
     Exactly one of ``focal_length`` and ``numerical_aperture`` must be specified, otherwise
     ArgumentError is raised.
     """
-    if (focal_length is None) == (numerical_aperture is None):
-        raise ArgumentError(
-            "expected either focal_length or numerical_aperture, got "
-            + ("neither" if focal_length is None else "both")
-        )
-    if focal_length is not None:
+    given = {"focal_length": focal_length, "numerical_aperture": numerical_aperture}
+    if only_given(given) == "focal_length":
         return checked_length(focal_length, "focal_length")
-    sine = checked_number(numerical_aperture, "numerical_aperture", "a number from 0 to 1")
-    if not 0.0 < sine <= 1.0:
-        raise ArgumentError(
-            f"expected numerical_aperture above 0 and up to 1, got {sine:g}; in a medium "
-            "divide it and the wavelength by the refractive index"
-        )
-    return radius / sine
+    meaning = "above 0 and up to 1 (in a medium, divide it by the refractive index)"
+    name = "numerical_aperture"
+    return radius / checked_number(numerical_aperture, name, meaning, lambda x: 0.0 < x <= 1.0)
 
 
 def checked_energy(source: PhaseSpaceSource) -> float:
@@ -387,8 +381,8 @@ def strehl(
 
     The Strehl ratio is the irradiance of :func:`psf` on the axis, relative to the irradiance for a
     pupil with the same |u| and no phase, where u is the field in the pupil. With the path length W
-    of the aberration it is ``|int u exp(2 pi i W/lambda)|^2/(int |u|)^2``. Pistons and tilts of
-    segments are aberrations as well.
+    of the aberration, the ratio is ``|int u exp(2 pi i W/lambda)|^2/(int |u|)^2``. Pistons and
+    tilts of segments are aberrations as well.
 
     Parameters
     ----------

@@ -1,10 +1,10 @@
 """Derivatives of transfer and point spread functions with respect to parameters of the pupil.
 
 The parameters are vertices, weights of elements, and aberration coefficients. Derivatives with
-respect to vertices are integrals along edges, (G1). For a coefficient, the integrand is multiplied
-by 2 pi i/lambda times the term of the coefficient. Values and derivatives are the columns of an
-array of shape (n, 1 + m), called a jet. If edges of two copies coincide, the derivative is the mean
-of both one-sided derivatives.
+respect to vertices are integrals along edges, equation (G1). For a coefficient, the integrand is
+multiplied by 2 pi i/lambda times the term of the coefficient. Values and derivatives are the
+columns of an array of shape (n, 1 + m), called a jet. If edges of two copies coincide, the
+derivative is the mean of both one-sided derivatives.
 """
 
 from __future__ import annotations
@@ -89,7 +89,8 @@ class PupilNumbers:
     def arrays(self) -> list[Any]:
         """Dr.Jit floats in the order of the columns of a jet, without constants.
 
-        The order is x and y of the vertices, real and imaginary part of the weights, coefficients.
+        The order is x and y of the vertices, real and imaginary part of the weights, and
+        coefficients.
         """
         pairs = [pair for pair in (self.vertices, self.weights) if pair is not None]
         arrays = [pair[k] for pair in pairs for k in (0, 1)]
@@ -175,7 +176,8 @@ class Edges:
         Each node has two weights: the weight of the rule times 1 - t and times t, where t is the
         position of the node as a fraction of the edge. The sum of all weights of a part is its
         length as a fraction of the edge. ``slopes`` returns gradients of the phase at points, and
-        ``half_band`` is the largest deviation of frequencies from them, in cycles per metre.
+        ``half_band`` is the largest deviation of frequencies from these gradients, in cycles per
+        metre.
         """
         edge, low, high = parts
         begin, vector, length = self.begin[edge], self.vector[edge], high - low
@@ -268,9 +270,9 @@ class _AutocorrelationDerivatives:
     def _along_edges(self, edges: list[Edges], one: int, other: int, shift: Floats) -> Complex:
         """Return the derivatives (vertices, 2) for the vertices of element ``one`` of one copy.
 
-        They are integrals of N (1 - t, t) u_one(p) u_other*(p + shift) along the edges, over points
-        p for which p + shift lies in element ``other``. N is the normal of an edge, and t is the
-        position of p as a fraction of the edge.
+        The derivatives are integrals of N (1 - t, t) u_one(p) u_other*(p + shift) along the edges,
+        over points p for which p + shift lies in element ``other``. N is the normal of an edge, and
+        t is the position of p as a fraction of the edge.
         """
         pupil, moving = self.pupil, edges[one]
         near = _NEAR * float(np.abs(pupil.polygons[one].bounds).max())

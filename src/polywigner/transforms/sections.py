@@ -3,7 +3,7 @@
 Projections of phase-space functions consist of such sections and overlaps (docs/projections.md).
 Callers exchange x and y of the field for the other direction. Coordinates are relative to the
 centre of the field. A plane wave on the source shifts the frequency of a transform and multiplies
-the transform by a phase factor, (P16), so each overlap is computed once for all waves.
+the transform by a phase factor, equation (P16), so each overlap is computed once for all waves.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ from polywigner.execution import NumpyOperations
 from polywigner.geometry import Aperture
 from polywigner.geometry.hidden_parts import edges_around
 from polywigner.geometry.parts import shifted
-from polywigner.numerics import Complex, Floats, Indices, cluster_indices
+from polywigner.geometry.rings import edges_of_rings
+from polywigner.numerics import Complex, Floats, Indices, cluster_indices, index_blocks
 from polywigner.numerics.phases import (
     cos_sin_cycles,
     cycles_to_centre,
@@ -41,9 +42,9 @@ _BLOCK = 1 << 20
 _EQUAL = 1e-12
 
 Pairing = Callable[[Floats, Floats], tuple[Floats, Floats]]
-"""Function (first frequencies, second frequencies), each of shape (m, 2), of m pairs of waves. It
-returns the frequency shifts of the transform, and the phase rates: the frequencies of a pair's
-phase along the coordinates of a tile."""
+"""Function (first frequencies, second frequencies), each of shape (m, 2), of m pairs of waves. The
+function returns the frequency shifts of the transform, and the phase rates: the frequencies of a
+pair's phase along the coordinates of a tile."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,8 +113,7 @@ class _EdgesFromLeft:
 def _edges_from_left(field: PlaneField) -> _EdgesFromLeft:
     """Return the edges of a field that are not vertical, directed from left to right."""
     rings = [(k, ring) for k, element in enumerate(field.elements) for ring in element.rings]
-    start = np.concatenate([ring for _, ring in rings])
-    end = np.concatenate([np.roll(ring, -1, axis=0) for _, ring in rings])
+    start, end = edges_of_rings([ring for _, ring in rings])
     element = np.repeat([k for k, _ in rings], [len(ring) for _, ring in rings])
     run = end[:, 0] - start[:, 0]
     used = run != 0
@@ -177,7 +177,7 @@ def _row_sums(
 
 
 def column_spectra(field: PlaneField, x: Floats, nu: Floats) -> Complex:
-    """Return the Fourier transform of the field along y, for each x and each frequency, (P9).
+    """Return the Fourier transform of the field along y for each x and frequency, equation (P9).
 
     The result has one row for each x, which is relative to the centre of the field, like y.
     """
@@ -260,9 +260,10 @@ def _image_polygons(field: PlaneField, scale: tuple[float, float], shifts: Float
 
 
 def _overlap_spectra(regions: Overlaps, nu: Floats, nu_y: float = 0.0) -> Complex:
-    """Return the sums of the regions' Fourier transforms over each row, shape (rows, n), (F2).
+    """Return the sums of the regions' Fourier transforms over each row, shape (rows, n).
 
-    The n frequencies are (nu, nu_y), and the regions are multiplied by their weights.
+    The transforms are equation (F2). The n frequencies are (nu, nu_y), and the regions are
+    multiplied by their weights.
     """
     begin, end = regions.begin, regions.end
     factor = regions.weight * (begin[:, 0] * end[:, 1] - begin[:, 1] * end[:, 0])
@@ -322,8 +323,8 @@ def _distinct_shifts(shifts: Floats) -> Iterator[tuple[list[float], Indices]]:
 def mirrored_correlation(field: PlaneField, x: Floats, lag: Floats) -> NDArray[Any]:
     """Return twice the integral of the product of a uniform field and its mirror image.
 
-    The image is reflected about the vertical line at x, moved up by the lag, and conjugated, (P5).
-    The result has one row for each x and one column for each lag.
+    The image is reflected about the vertical line at x, moved up by the lag, and conjugated,
+    equation (P5). The result has one row for each x and one column for each lag.
     """
     edges = _edges_from_left(field)
     left, right = edges.left, edges.right
@@ -339,9 +340,7 @@ def mirrored_correlation(field: PlaneField, x: Floats, lag: Floats) -> NDArray[A
             for at in (begin, end)
         ]
         weight = -edges.step[i] * np.conj(edges.step[j]) * (end - begin)
-        size = max(1, _BLOCK // max(1, len(lag)))
-        for k in range(0, len(weight), size):
-            part = slice(k, k + size)
+        for part in index_blocks(len(weight), _BLOCK // max(1, len(lag))):
             distances = _mean_distance(lag - rise[0][part, None], lag - rise[1][part, None])
             values[row] += weight[part] @ distances
     return values
@@ -351,7 +350,7 @@ def _mean_distance(u: Floats, v: Floats) -> Floats:
     """Return the mean of |t| for t between u and v."""
     a, b = np.abs(u), np.abs(v)
     total = a + b
-    # ``total`` is positive if u v is negative.
+    # If u v is negative, ``total`` is positive, so the division is valid.
     crosses_zero = u * v < 0
     squares = (a * a + b * b) / np.where(crosses_zero, total, 1.0)
     return 0.5 * np.where(crosses_zero, squares, total)

@@ -112,8 +112,8 @@ def _with_vertices(
 ) -> tuple[Aperture | Array, Drjit]:
     """Return a source with the values of Dr.Jit vertices, and the vertices.
 
-    Without a source, the vertices form a ring. They are reversed if the ring is clockwise. Raises
-    ArgumentError for another number of vertices than that of the source.
+    Without a source, the vertices form a ring. The vertices are reversed if the ring is clockwise.
+    Raises ArgumentError if the number of vertices differs from the number in the source.
     """
     points = execution.columns_of(vertices)
     if source is None:
@@ -175,7 +175,7 @@ def _with_weights(source: Aperture | Array | None, weights: Complex) -> Array:
 def fourier_of(source: Differentiable, nu: Drjit, plain: PlainFourier) -> Drjit:
     """Return the Fourier transform of a source with Dr.Jit vertices or weights.
 
-    The transform is a sum over all plane waves on all elements, (C1) and (I1).
+    The transform is a sum over all plane waves on all elements, equations (C1) and (I1).
     """
     array = source.source
     is_array = isinstance(array, Array)

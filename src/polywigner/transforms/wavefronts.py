@@ -1,10 +1,11 @@
 """Transforms of curved and partially coherent sources.
 
 The Fourier transform of a curved wave is a sum of Fresnel integrals along edges. Partial coherence
-multiplies A and R by the degree of coherence exp(-xi^2/(2 width^2)), (PC3). It is the mean of
-exp(2 pi i t.xi) over normally distributed tilts t with the standard deviation 1/(2 pi width),
-(PC2). W has a closed form, (I5). Power spectra, exact fields and the W of large arrays are averages
-over tilts. The number of tilts depends on the longest lag, which is the size of the bounding box.
+multiplies A and R by the degree of coherence exp(-xi^2/(2 width^2)), equation (PC3). This degree is
+the mean of exp(2 pi i t.xi) over normally distributed tilts t with the standard deviation 1/(2 pi
+width), equation (PC2). W has a closed form, equation (I5). Power spectra, exact fields and the W of
+large arrays are averages over tilts. The number of tilts depends on the longest lag, which is the
+size of the bounding box.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from polywigner import kernels
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.geometry import Aperture, Slits, Wavefront
 from polywigner.geometry.rings import sides_of
-from polywigner.numerics import Complex, Floats
+from polywigner.numerics import Complex, Floats, index_blocks
 from polywigner.numerics.chirps import chirp_over_intervals, chirp_over_rings, waves_of_cycles
 from polywigner.numerics.nodes import gaussian_product_rule
 from polywigner.source.normal_form import normal_form
@@ -30,9 +31,9 @@ TILT_ERROR = {True: 1e-11, False: 1e-7}
 """Error of averages over tilts in double and single precision, relative to the largest A."""
 
 # Largest ratio of the coherence width to the diagonal of a source, in double (True) and single
-# precision, for which the closed form of W is used. It loses digits by cancellation at larger
-# ratios, so W is computed as the coherent W plus a term proportional to 1/width^2. The next term is
-# 1.3e-13 of W, or 8e-7.
+# precision, for which the closed form of W is used. The closed form loses digits by cancellation at
+# larger ratios, so W is computed as the coherent W plus a term proportional to 1/width^2. The next
+# term is 1.3e-13 of W in double and 8e-7 of W in single precision.
 _WIDEST = {True: 1e3, False: 20.0}
 
 _BLOCK = 1 << 20
@@ -135,7 +136,7 @@ def coherent_source(source: Wavefront, tilt: Any = None) -> Any:
 
 
 def degree_of_coherence(source: Wavefront, xi: ArrayLike) -> Floats:
-    """Return the degree of coherence exp(-xi^2/(2 width^2)) at lags xi (..., d), (PC1)."""
+    """Return the degree of coherence exp(-xi^2/(2 width^2)) at lags xi (..., d), equation (PC1)."""
     with np.errstate(over="ignore"):
         scaled = np.asarray(xi, dtype=np.float64) / source.coherence_width
         return np.exp(-0.5 * np.square(scaled).sum(axis=-1))
@@ -205,6 +206,6 @@ def mean_over_tilts(
     if math.prod(shape) * len(weights) <= _BLOCK:
         return mean(*arrays)[()]
     flat = [np.broadcast_to(a, (*shape, a.shape[-1])).reshape(-1, a.shape[-1]) for a in arrays]
-    step = max(1, _BLOCK // len(weights))
-    parts = [mean(*(a[k : k + step] for a in flat)) for k in range(0, len(flat[0]), step)]
+    blocks = index_blocks(len(flat[0]), _BLOCK // len(weights))
+    parts = [mean(*(a[block] for a in flat)) for block in blocks]
     return np.concatenate(parts).reshape(shape)

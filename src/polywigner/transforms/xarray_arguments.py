@@ -45,7 +45,7 @@ def labelled_arrays(
 
 
 def arrays_of(dataset: Any, axes: Mapping[str, str], maker: str, *attrs: str) -> list[Any]:
-    """Return arrays of a dataset, transposed to the given axes, then attributes of the dataset.
+    """Return arrays of a dataset, transposed to the given axes, and attributes of the dataset.
 
     ``axes`` contains the axes of each array, separated by blanks; an empty string accepts any axes.
     ``maker`` is the name of the function that returns such datasets, for error messages. Raises

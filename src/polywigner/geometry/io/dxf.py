@@ -51,8 +51,8 @@ _FLAT = 1e-9
 # Largest deviation of an arc from a full circle that counts as rounding error, as a fraction of the
 # circle.
 _SAME = 1e-9
-# Deepest level of nesting at which hatch boundaries are used, by hatch style: normal, outer
-# (islands are not filled), ignore.
+# Deepest nesting level of the hatch boundaries that are used, for the hatch styles normal (0),
+# outer (1, islands are not filled) and ignore (2).
 _DEEPEST = {0: 1_000_000, 1: 1, 2: 0}
 
 # Metres per drawing unit, for each value of $INSUNITS.
@@ -74,7 +74,7 @@ class _Shape:
     """Style of a hatch; None for outlines, which have only one path."""
 
     def transformed(self, matrix: Points, offset: Points) -> _Shape:
-        """Return the image of the shape under p -> p @ matrix + offset."""
+        """Return the image of the shape under the map p -> p @ matrix + offset."""
         images = [
             [[transformed(curve, matrix, offset) for curve in path] for path in paths]
             for paths in self.boundaries
@@ -105,7 +105,7 @@ def _spatial(points: Iterable[Any]) -> Points:
 def _elliptic_arc(centre: Points, u: Points, v: Points, start: float, end: float) -> Arc:
     """Return the counter-clockwise arc of an ellipse between two angles in radians.
 
-    ``u`` and ``v``: semi-axes (3,), and the angles are values of t, as in :class:`Arc`. Equal
+    ``u`` and ``v``: semi-axes (3,). The angles are values of the parameter t of :class:`Arc`. Equal
     angles result in the full ellipse.
     """
     sweep = (end - start) % math.tau
@@ -131,7 +131,7 @@ def _path_of(kind: str, item: Any) -> Path:
         centre, x, y = _spatial([tool.center, tool.major_axis, tool.minor_axis])
         return [_elliptic_arc(centre, x, y, tool.start_param, tool.end_param)]
     control = _spatial(tool.control_points)
-    # ezdxf would evaluate unclamped splines outside their range of knots.
+    # The range of knots is used, because ezdxf would evaluate unclamped splines outside this range.
     breaks = np.unique(list(tool.knots())[tool.degree : len(control) + 1])
     return [Spline(control, lambda t: _spatial(tool.points(t.tolist())), breaks)]
 
@@ -216,7 +216,7 @@ def _shape_of(entity: Any, layer: str) -> _Shape:
             f"expected lines, plane polylines, curves, hatches and blocks, got a {kind[:40]}; "
             "convert it to polylines, or move it to a layer that is off"
         )
-    # Planar DXF entities have an object coordinate system.
+    # The coordinates of planar DXF entities refer to an object coordinate system.
     axes = _spatial(map(entity.ocs().to_wcs, np.eye(3).tolist()))
     return shape.transformed(axes, offset @ axes)
 
@@ -242,7 +242,7 @@ def _layer_of(entity: Any) -> str:
 
 
 class _Space:
-    """The layers of a drawing, and which of them are read."""
+    """The layers of a drawing, including the layers to be read."""
 
     def __init__(self, document: Any, layers: Sequence[str]) -> None:
         """Determine the layers to be read; raise ArgumentError if a requested layer is missing."""
@@ -350,11 +350,11 @@ def _union_of_hatches(hatches: Sequence[_Shape], painted: Sequence[list[Ring]]) 
 def _closed_rings(paths: Sequence[Path], gap: float, tolerance: float | None) -> list[Ring]:
     """Return rings (n, 2) of closed paths, and of chains of paths whose ends meet.
 
-    ``gap``: largest distance between ends that meet; ``tolerance``: distance of chords from curves,
-    by default relative (:func:`allowed_distance`); both in the drawing's unit. Raises
+    ``gap``: largest distance between ends that meet. ``tolerance``: distance of chords from curves,
+    by default relative (:func:`allowed_distance`). Both distances are in the drawing's unit. Raises
     FileFormatError if an open end does not meet exactly one other end.
     """
-    # Paths shorter than the gap count as points.
+    # Paths shorter than the gap count as points and are dropped.
     paths = [path for path in paths if extent(_sample_points(path)) > gap]
     is_open = [extent(_ends(path)) > gap for path in paths]
     runs = [[(path, False)] for path in compress(paths, np.logical_not(is_open))]

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import gdstk
 
 _LAYER = re.compile(r"\d{1,5}(?:/\d{1,5})?")
-# GDSII record STRANS, and its bits for absolute magnification and angle.
+# Type of the GDSII record STRANS, and mask of its bits for absolute magnification and angle.
 _TRANSFORMATION, _ABSOLUTE = 0x1A, 0x0006
 
 
@@ -131,14 +131,14 @@ def load_gds(file: File) -> Drawing:
         length = float(np.hypot(*np.ptp(path.spine(), axis=0)))
         names = _layer_names(path.layers[0], path.datatypes[0])
         if length == 0 and not (requested and requested.isdisjoint(names)):
-            # gdstk silently drops paths of length zero.
+            # gdstk silently drops paths of length zero, so they raise an error here.
             raise FileFormatError(
                 "expected paths of nonzero length, got a path of length zero on layer "
                 f"{names[1]}; draw a polygon instead"
             )
         size = length + float(path.widths().max())
         path.tolerance = file.tolerance / metres if file.tolerance else DEFAULT_TOLERANCE * size
-    # Boundaries without extent have no points.
+    # Boundaries without extent have no points and are dropped.
     shapes = [shape for shape in _shapes(cell) if len(shape[2])]
     if missing := requested - {name for layer, kind, _ in shapes for name in (layer, kind)}:
         listed = ", ".join(sorted({kind for _, kind, _ in shapes})[:12])

@@ -41,7 +41,7 @@ _NUMBER = r"[+-]?\d+"
 _LENGTH = r"\+?(?:\d+\.?\d*|\.\d+)"
 _NAME = r"(?![CROP](?![\w.$-]))[A-Za-z_.$][\w.$-]*"
 
-# Macro blocks that are accepted: gerbonara misreads other exposures, and does not rotate the
+# Pattern of accepted macro blocks. gerbonara misreads other exposures, and does not rotate the
 # centres of polygons.
 _BLOCK = (
     r"\s*(?:(?:\$[1-9]\d*=|0*(?:1|4|20|21),\s*[01],|0*5,\s*[01],[^,*]+,\s*0,\s*0,)"
@@ -57,13 +57,14 @@ _STATEMENT = re.compile(
     rf"|{_NAME}(?:,[+-]?{_LENGTH}(?:X[+-]?{_LENGTH})*)?)"
     rf"|%AM{_NAME}\*{_BLOCK}(?:\*{_BLOCK})*"
 )
-# Statements without effect on the copper: attributes, names, and identity transformations.
+# Pattern of statements without effect on the copper: attributes, names, and identity
+# transformations.
 _NEUTRAL = re.compile(
     r"G90|%(?:T[FAOD].*|[IL]N.*|IPPOS|ASAXBY|MIA0B0|LMN|IR0|SR(?:X1Y1I0J0)?|"
     r"OFA0(?:\.0*)?B0(?:\.0*)?|SFA1(?:\.0*)?B1(?:\.0*)?|LR0(?:\.0*)?|LS1(?:\.0*)?)",
     re.DOTALL,
 )
-# Warnings about statements that gerbonara reads correctly.
+# Pattern of warnings about statements that gerbonara reads correctly.
 _HARMLESS = ".*(Arc is missing|D01 interpolation with a zero-size)"
 # Largest relative difference between the radii at the ends of an arc, due to rounded coordinates.
 _RADII = 1e-3
@@ -119,12 +120,12 @@ def _checked_statements(text: str) -> tuple[str, str]:
                 "export the layer without panels, blocks, transformations and unusual macros",
             )  # fmt: skip
         unit = match["unit"] or unit
-        # gerbonara does not accept one-letter names, or G1 in place of G01.
+        # gerbonara does not accept one-letter names, or G1 in place of G01, so both are rewritten.
         statement = re.sub(rf"^(%AM|%ADD\d+)(?={_NAME})", r"\1M_", statement)
         statement = re.sub(r"^G(?=[123](?:[XYIJD]|$))", "G0", statement)
         statements.append(statement + "*%\n" if statement[0] == "%" else statement + "*\n")
     regions = [words[:3] for words in statements if words in ("G36*\n", "G37*\n")]
-    # gerbonara silently drops regions without G37.
+    # gerbonara silently drops regions without G37, so they raise an error here.
     if regions != ["G36", "G37"] * (len(regions) // 2):
         raise _refusal("each G36 to be followed by G37", "another sequence")
     checked = "".join(statements)
@@ -153,7 +154,8 @@ def _copper(layers: Layers) -> BaseGeometry:
         if not shapes:
             continue
         changed = union_on_grid(shapes)
-        # Only polygons near the shapes change; files with many changes of polarity stay fast.
+        # Only polygons near the shapes are updated, so that files with many polarity changes are
+        # fast.
         is_near = shapely.intersects(copper, shapely.box(*changed.bounds))
         near = list(copper[is_near])
         if dark:
@@ -167,7 +169,7 @@ def _copper(layers: Layers) -> BaseGeometry:
 
 
 def _circle(centre: Any, radius: float, start: float = 0.0, sweep: float = 2 * math.pi) -> Arc:
-    """Return an arc of a circle, by default the full circle; angles in radians."""
+    """Return an arc of a circle, by default the full circle; angles are in radians."""
     u, v = radius * np.eye(2)
     return Arc(np.asarray(centre, dtype=float), u, v, start, sweep)
 
@@ -325,9 +327,9 @@ def load_gerber(file: File) -> Drawing:
         copper = _copper(layer for item in _objects_of(text) for layer in converter.layers(item))
     except (PolywignerError, ImportError):
         raise
-    # gerbonara does not document its exceptions.
+    # gerbonara does not document its exceptions, so all exceptions are caught.
     except Exception as error:
-        # The line numbers of gerbonara refer to the rewritten statements.
+        # gerbonara's line numbers are removed, because they refer to the rewritten statements.
         why = re.sub(r"^<unknown>:\d+ ", "", str(error.__cause__ or error).partition("\n")[0])
         raise _refusal("a Gerber file that gerbonara can read", why[:200].rstrip(".")) from None
     polygons = [rings_of_polygon(polygon) for polygon in polygons_in(copper)]

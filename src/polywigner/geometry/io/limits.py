@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.errors import FileFormatError
+from polywigner.errors import FileFormatError, PolywignerError
+from polywigner.geometry.arguments import check_most
 
 # Largest sizes of outline and scene files [bytes]; a million vertices take about 40 MB as text.
 LARGEST_FILE = 64 * 2**20
@@ -26,27 +28,19 @@ MOST_FACES = 200_000
 LARGEST_NUMBER = 1e100
 
 
-def check_most(count: int, most: int, things: str, remedy: str = "simplify the drawing") -> None:
-    """Raise FileFormatError if a file contains more than `most` things."""
-    if count > most:
-        raise FileFormatError(f"expected at most {most} {things}, got {count}; {remedy}")
-
-
 def check_bytes(size: int, largest: int, kind: str = "") -> None:
     """Raise FileFormatError for a file of more than `largest` bytes."""
-    if size > largest:
-        raise FileFormatError(
-            f"expected a file of at most {largest >> 20} MiB{kind and f' of {kind}'}, got "
-            f"{size / 2**20:.0f} MiB; simplify the content, or save only a part of it"
-        )
+    things = f"MiB{kind and f' of {kind}'}"
+    remedy = "simplify the content, or save only a part of it"
+    check_most(size / 2**20, largest / 2**20, things, remedy, FileFormatError)
 
 
 def check_coordinates(points: NDArray[Any]) -> None:
-    """Raise FileFormatError for coordinates that are not finite or larger than 1e100."""
+    """Raise FileFormatError for coordinates that are not finite or exceed 1e100."""
     # The condition is negated, so that NaN also raises an error.
     if not (np.abs(points) <= LARGEST_NUMBER).all():
         raise FileFormatError(
-            f"expected finite coordinates below {LARGEST_NUMBER:g}, got a larger number or "
+            f"expected finite numbers below {LARGEST_NUMBER:g}, got a larger number or "
             "NaN; correct the file"
         )
 
@@ -62,6 +56,20 @@ def token(text: str, known: tuple[str, ...] = ()) -> str:
     if text in known or _NUMBER.fullmatch(text):
         return repr(text)
     return f"{len(text)} characters of text" if text else "nothing"
+
+
+def checked_suffix(
+    path: Path,
+    known: Collection[str],
+    remedy: str = "use another format",
+    error: type[PolywignerError] = FileFormatError,
+) -> str:
+    """Return the suffix of a path in lower case; raise an error for unknown suffixes."""
+    suffix = path.suffix.lower()
+    if suffix not in known:
+        got = f"got {suffix or 'none'!r}; {remedy}"
+        raise error(f"expected a file with the suffix {', '.join(known)}, {got}")
+    return suffix
 
 
 def check_regular(path: Path) -> None:

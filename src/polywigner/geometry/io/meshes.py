@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 import struct
 from collections.abc import Callable, Sequence
@@ -12,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.arguments import warn_caller
-from polywigner.geometry.io.limits import MOST_FACES, check_coordinates, check_most
+from polywigner.geometry.arguments import check_most, warn_caller
+from polywigner.geometry.io.limits import MOST_FACES, check_coordinates
 from polywigner.geometry.polyhedron import heights_of, triangulate_faces
 from polywigner.geometry.rings import extent
 from polywigner.numerics import cluster_indices
@@ -65,7 +66,7 @@ def read_mesh(content: bytes, suffix: str) -> tuple[Points, NDArray[np.intp]]:
         ) from None
     if not mesh.faces:
         raise FileFormatError("the file contains no triangles; export the body as a mesh")
-    check_most(len(mesh.faces), MOST_FACES, "triangles", "simplify the mesh")
+    check_most(len(mesh.faces), MOST_FACES, "triangles", "simplify the mesh", FileFormatError)
     least, most = min(map(min, mesh.faces)), max(map(max, mesh.faces))
     if least < 0 or most >= len(mesh.vertices):
         raise FileFormatError(
@@ -88,15 +89,15 @@ def _triangulated(mesh: Mesh) -> tuple[Points, NDArray[np.intp]]:
     worst = int(heights.argmax())
     if heights[worst] > _PLANAR * extent(mesh.vertices):
         warn_caller(
-            f"face {worst} of the mesh is not planar: a vertex is {heights[worst]:.3g} (in "
-            "the file's unit) away from its plane, and the body depends on the division into "
-            "triangles; export the mesh as triangles"
+            f"face {worst} of the mesh is not planar: a vertex is {heights[worst]:.3g} file units "
+            "away from the plane of the face, so the body depends on the division of the face "
+            "into triangles; export the mesh as triangles"
         )
     return mesh.vertices, triangulate_faces(mesh.vertices, mesh.faces)
 
 
 def _welded(mesh: Mesh) -> Mesh:
-    """Return a mesh with vertices merged that differ only by rounding, without degenerate faces.
+    """Merge vertices that differ only by rounding, and remove degenerate faces.
 
     Faces that have become lines or points are dropped.
     """
@@ -209,7 +210,7 @@ def _ply(content: bytes) -> Mesh:
             name: [_element_row(properties, read) for _ in range(count)]
             for name, count, properties in elements
         }
-    # A StopIteration in a generator becomes a RuntimeError.
+    # A StopIteration in a generator becomes a RuntimeError, so both exceptions are caught.
     except (StopIteration, RuntimeError, struct.error):
         raise _row_count_error("fewer") from None
     if not is_empty():
@@ -275,20 +276,17 @@ def _binary_reader(body: bytes, order: str) -> tuple[ReadNumbers, Callable[[], b
     The reader returns a number for each letter of a `struct` format, such as "fff". ``order``: "<"
     for little-endian and ">" for big-endian numbers.
     """
-    position = 0
+    stream = io.BytesIO(body)
 
     def read(form: str) -> Sequence[Any]:
         """Read numbers; ``form``: one `struct` letter for the type of each number."""
-        nonlocal position
-        values = struct.unpack_from(order + form, body, position)
-        position += struct.calcsize(order + form)
-        return values
+        return struct.unpack(order + form, stream.read(struct.calcsize(order + form)))
 
-    return read, lambda: not body[position:].strip()
+    return read, lambda: not stream.read().strip()
 
 
 def _row_count_error(got: str) -> FileFormatError:
-    """Return the error for a PLY file with "fewer" or "more" rows than in its header."""
+    """Return the error for a PLY file with "fewer" or "more" rows than its header specifies."""
     return FileFormatError(
         f"expected as many rows as the header of the PLY file specifies, got {got}; the file may "
         "be truncated: export the mesh again"

@@ -17,6 +17,7 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, FileFormatError
+from polywigner.geometry.arguments import check_most
 from polywigner.geometry.io.limits import MOST_VERTICES, check_coordinates
 from polywigner.geometry.parts import (
     check_overlaps,
@@ -75,7 +76,7 @@ class Arc:
         return self.centre + np.cos(angles)[:, None] * self.u + np.sin(angles)[:, None] * self.v
 
     def transformed(self, matrix: Points, offset: Points) -> Arc:
-        """Return the image of the curve under p -> p @ matrix + offset."""
+        """Return the image of the curve under the map p -> p @ matrix + offset."""
         centre = self.centre @ matrix + offset
         return Arc(centre, self.u @ matrix, self.v @ matrix, self.start, self.sweep)
 
@@ -85,9 +86,9 @@ class Arc:
         The chords are within ``distance`` of the arc. The first vertex of an ellipse is repeated at
         the end.
 
-        The polygon has n = 4 k corners and is scaled by a, with a^2 = x/sin(x) and x = 2 pi/n. Its
-        corners lie outside the ellipse by less than 1.04 (pi/n)^2/3 of the semi-major axis, for n
-        >= 8.
+        The polygon has n = 4 k corners and is scaled by a, with a^2 = x/sin(x) and x = 2 pi/n. The
+        corners of the polygon lie outside the ellipse by less than 1.04 (pi/n)^2/3 of the
+        semi-major axis, for n >= 8.
         """
         if not self.is_closed:
             steps = max(math.sqrt(self.semi_major_axis / (8 * distance)), 1 / _LARGEST_STEP)
@@ -116,13 +117,13 @@ class Bezier:
         ) @ self.points
 
     def transformed(self, matrix: Points, offset: Points) -> Bezier:
-        """Return the image of the curve under p -> p @ matrix + offset."""
+        """Return the image of the curve under the map p -> p @ matrix + offset."""
         return Bezier(self.points @ matrix + offset)
 
     def chords(self, distance: float) -> Points:
-        """Return vertices (n, d) at equal parameter steps; chords are within ``distance``.
+        """Return vertices (n, d) of chords within ``distance`` of the curve, at equal steps.
 
-        The number of steps follows from a bound on the second derivative.
+        The number of parameter steps follows from a bound on the second derivative.
         """
         degree = len(self.points) - 1
         second = np.linalg.norm(np.diff(self.points, 2, axis=0), axis=1).max(initial=0.0)
@@ -146,7 +147,7 @@ class Spline:
         return self.evaluate(np.interp(t * (count - 1), np.arange(count), self.breaks))
 
     def transformed(self, matrix: Points, offset: Points) -> Spline:
-        """Return the image of the curve under p -> p @ matrix + offset."""
+        """Return the image of the curve under the map p -> p @ matrix + offset."""
         evaluate = self.evaluate
         points = self.points @ matrix + offset
         return Spline(points, lambda t: evaluate(t) @ matrix + offset, self.breaks)
@@ -157,7 +158,7 @@ class Spline:
         t = np.arange(pieces + 1) / pieces
         while True:
             points, midpoints = self.at(t), (t[1:] + t[:-1]) / 2
-            # An upper bound on the distance of the curve from the chord.
+            # This length is an upper bound on the distance of the curve from the chord.
             off = np.linalg.norm(self.at(midpoints) - (points[1:] + points[:-1]) / 2, axis=1)
             if (off <= distance).all():
                 return points
@@ -169,7 +170,7 @@ Curve = Points | Arc | Bezier | Spline
 
 
 def transformed(curve: Curve, matrix: Points, offset: Points) -> Curve:
-    """Return the image of a curve under p -> p @ matrix + offset.
+    """Return the image of a curve under the map p -> p @ matrix + offset.
 
     The matrix has shape (d, e) and the offset shape (e,).
     """
@@ -191,8 +192,8 @@ def chords(curve: Curve, distance: float) -> Points:
 def allowed_distance(outline: Sequence[Curve], tolerance: float | None) -> float:
     """Return the largest distance allowed between an outline and its chords.
 
-    The distance is `tolerance`, or if it is None, 1/2000 of the diagonal of the outline. Raises
-    FileFormatError for coordinates beyond 1e100.
+    The distance is `tolerance`, or 1/2000 of the diagonal of the outline if `tolerance` is None.
+    Raises FileFormatError for coordinates beyond 1e100.
     """
     points = np.concatenate([
         curve.points if isinstance(curve, Bezier | Spline) else sampled(curve, 8)
@@ -220,11 +221,8 @@ def flattened(outlines: Sequence[Sequence[Curve]], tolerance: float | None) -> l
 
 def _chord_count(steps: float) -> int:
     """Round a number of chords up, to at least 1; raise FileFormatError above a million."""
-    if not steps <= MOST_VERTICES:
-        raise FileFormatError(
-            f"expected at most {MOST_VERTICES} vertices, got more; simplify the outlines, or "
-            "pass a larger tolerance for curves"
-        )
+    remedy = "simplify the outlines, or pass a larger tolerance for curves"
+    check_most(steps, MOST_VERTICES, "vertices", remedy, FileFormatError)
     return max(1, math.ceil(steps))
 
 
@@ -246,7 +244,7 @@ class File:
     unit_metres: float
     """Length of the file's unit in metres; ignored if the file itself specifies its unit."""
     tolerance: float | None
-    """Largest distance in metres between a curve and its chords; for None see :func:`flattened`."""
+    """Largest distance in metres between a curve and its chords; see :func:`flattened` for None."""
     layers: tuple[str, ...]
     """Names of the layers to read, even if they are hidden; if empty, all visible layers are
     read."""
@@ -285,7 +283,7 @@ def filled(rings: Sequence[Ring], rule: str) -> list[Polygon]:
     if not rings:
         return []
     if len(rings) == 1 and shapely.is_valid(shapely.Polygon(rings[0])):
-        # Simple outlines are cleaned later, with the aperture.
+        # A simple outline is returned unchanged, because it is cleaned later with the aperture.
         return [rings]
     clean = [clean_ring(ring, "a ring") for ring in rings]
     return [rings_of_polygon(polygon) for polygon in enclosed(clean, rule)]
@@ -318,7 +316,7 @@ def nested(rings: Sequence[Ring], union: bool = False) -> list[Polygon]:
 
 
 def _join_overlapping(rings: Sequence[Ring]) -> list[Ring]:
-    """Return the rings, holes included, of the unions of outlines that overlap or touch."""
+    """Return the rings (including holes) of the unions of outlines that overlap or touch."""
     polygons = np.array([shapely.Polygon(ring) for ring in rings], dtype=object)
     tree = shapely.STRtree(polygons)
     pairs = [tree.query(polygons, predicate=relation) for relation in ("overlaps", "touches")]

@@ -18,16 +18,22 @@ from polywigner.errors import (
     ArgumentError,
     FileFormatError,
     GeometryError,
-    MissingExtraError,
     PolywignerError,
+    at_key,
     missing_extra,
 )
 from polywigner.geometry.aperture import Aperture, PlacedAperture
-from polywigner.geometry.arguments import checked_flag, checked_length, checked_path
+from polywigner.geometry.arguments import check_most, checked_flag, checked_length, checked_path
 from polywigner.geometry.io.dxf import load_dxf
 from polywigner.geometry.io.gds import load_gds
 from polywigner.geometry.io.gerber import load_gerber
-from polywigner.geometry.io.limits import MOST_RINGS, MOST_VERTICES, bytes_of, check_most, text_of
+from polywigner.geometry.io.limits import (
+    MOST_RINGS,
+    MOST_VERTICES,
+    bytes_of,
+    checked_suffix,
+    text_of,
+)
 from polywigner.geometry.io.meshes import MESH_SUFFIXES, read_mesh
 from polywigner.geometry.io.outlines import OVERLAP_REMEDY, Drawing, File
 from polywigner.geometry.io.svg import PIXEL, load_svg
@@ -52,7 +58,7 @@ def load_wkt(file: File) -> Drawing:
 def _drawing_from_text(file: File, parse: Callable[[str], BaseGeometry], expected: str) -> Drawing:
     """Load polygons with a parser of shapely; ``expected``: content, for error messages."""
     try:
-        # NaN is reported later, with its vertex.
+        # NaN causes no warning here, because it raises an error later, which names the vertex.
         with np.errstate(invalid="ignore"):
             geometry = parse(text_of(file.content).strip())
     except (shapely.errors.GEOSException, NotImplementedError) as error:
@@ -138,7 +144,7 @@ _NOT_READ = (".shp", ".dwg", ".svgz", ".pdf", ".eps", ".step", ".stp", ".iges", 
 
 
 def _loader_of(path: Path, content: bytes) -> Callable[[File], Drawing]:
-    """Return the loader of a file, by its suffix or, if this is unknown, by its first bytes.
+    """Return the loader for a file's suffix, or for its first bytes if the suffix is unknown.
 
     Raises FileFormatError for suffixes of unsupported formats.
     """
@@ -180,7 +186,7 @@ def _load_any_format(file: File) -> Drawing:
             "the elements are nested too deeply, or an element contains itself; ungroup the "
             "elements"
         ) from None
-    # The libraries document only a few of their exceptions.
+    # The libraries document only a few of their exceptions, so all exceptions are caught.
     except Exception as error:
         raise FileFormatError(
             f"the library for this format cannot read the file ({type(error).__name__}); the "
@@ -202,10 +208,9 @@ def _aperture_of(drawing: Drawing, union: bool) -> Aperture:
     """Return the aperture in metres of a drawing; ``union``: whether polygons may overlap."""
     polygons = drawing.polygons
     sizes = [len(ring) for rings in polygons for ring in rings]
-    check_most(
-        len(sizes), MOST_RINGS, "outlines", "use fewer outlines, such as one element of an array"
-    )
-    check_most(sum(sizes), MOST_VERTICES, "vertices", "simplify the outline")
+    remedy = "use fewer outlines, such as one element of an array"
+    check_most(len(sizes), MOST_RINGS, "outlines", remedy, FileFormatError)
+    check_most(sum(sizes), MOST_VERTICES, "vertices", "simplify the outline", FileFormatError)
     single = len(polygons) == 1
     names = ["the polygon" if single else f"polygon {number}" for number in range(len(polygons))]
 
@@ -221,20 +226,21 @@ def _aperture_of(drawing: Drawing, union: bool) -> Aperture:
     try:
         return build(drawing.metres)
     except GeometryError:
-        # Built again in the unit of the file, so that the message contains the file's coordinates.
+        # The aperture is built again in the unit of the file, so that the message contains the
+        # file's coordinates.
         build(1.0)
         raise
 
 
 def _metres(unit: str | float) -> float:
-    """Return the length in metres of a unit, a name or a length; "px" is a CSS pixel."""
+    """Return the length in metres of a unit (a name or a length); "px" is a CSS pixel."""
     return float(PIXEL) if isinstance(unit, str) and unit.strip() == "px" else parse_unit(unit)
 
 
 def _checked_layers(layer: Any) -> tuple[str, ...]:
     """Return the names of requested layers as a tuple, which is empty for None.
 
-    Raises ArgumentError for other values than names.
+    Raises ArgumentError for values other than names.
     """
     layers = () if layer is None else (layer,) if isinstance(layer, str) else layer
     names = tuple(layers) if isinstance(layers, Iterable) else (layers,)
@@ -266,9 +272,9 @@ def read_aperture(
         ``.gtl``, ``.gbl`` or ``.art``: the copper of a Gerber layer. The format of any other suffix
         is detected from the content. SVG, DXF, GDSII and Gerber need the extra `formats`.
     unit : str or float, default "mm"
-        Unit of the coordinates: a name ("mm", "um", "in"), a length ("0.1 mm"), or
-        metres; "px" is 1/96 inch. It has no effect for files that specify their unit: SVG with a
-        width or height in mm, cm, Q, in, pt or pc, DXF with $INSUNITS, GDSII and Gerber.
+        Unit of the coordinates: a name ("mm", "um", "in"), a length ("0.1 mm"), or metres; "px" is
+        1/96 inch. The unit has no effect for files that specify their unit: SVG with a width or
+        height in mm, cm, Q, in, pt or pc, DXF with $INSUNITS, GDSII and Gerber.
     tolerance : float, optional
         Largest distance in metres between a curve (SVG, DXF, Gerber) and its chords. The default is
         1/2000 of the diagonal of each outline. Full circles and ellipses keep their area.
@@ -310,16 +316,13 @@ def read_aperture(
     >>> pw.read_aperture(path, unit="mm").bounds
     (0.0, 0.0, 0.004, 0.001)
     """
-    metres, source, expected = _metres(unit), checked_path(path), "metres above zero, such as 1e-5"
+    metres, source, expected = _metres(unit), checked_path(path), "a length in m above zero"
     if tolerance is not None:
         tolerance = checked_length(tolerance, "tolerance", meaning=expected)
     layers, joins = _checked_layers(layer), checked_flag(union, "union")
-    try:
+    with at_key(str(source)), np.errstate(all="ignore"):
         file = File(source, bytes_of(source), metres, tolerance, layers, joins)
-        with np.errstate(all="ignore"):
-            return _aperture_of(_load_any_format(file), joins)
-    except (FileFormatError, GeometryError, MissingExtraError, ArgumentError) as error:
-        raise type(error)(f"{source}: {error}") from None
+        return _aperture_of(_load_any_format(file), joins)
 
 
 def read_polyhedron(path: str | os.PathLike[str], unit: str | float = "mm") -> Polyhedron:
@@ -431,18 +434,10 @@ def _read_mesh_file(
     The path is added to the messages of errors.
     """
     metres, source = _metres(unit), checked_path(path)
-    kind = source.suffix.lower()
-    try:
-        if kind not in MESH_SUFFIXES:
-            raise FileFormatError(
-                f"expected a mesh with the suffix {', '.join(MESH_SUFFIXES)}, got "
-                f"{source.suffix or 'no suffix'!r}; read outlines with polywigner.read_aperture"
-            )
-        with np.errstate(all="ignore"):
-            vertices, triangles = read_mesh(bytes_of(source), kind)
-            return build(_in_metres(vertices, metres), triangles)
-    except (FileFormatError, GeometryError) as error:
-        raise type(error)(f"{source}: {error}") from None
+    with at_key(str(source)), np.errstate(all="ignore"):
+        kind = checked_suffix(source, MESH_SUFFIXES, "read outlines with polywigner.read_aperture")
+        vertices, triangles = read_mesh(bytes_of(source), kind)
+        return build(_in_metres(vertices, metres), triangles)
 
 
 # Step to which normals and relative heights are rounded; triangles with equal rounded values form

@@ -73,7 +73,7 @@ _SHAPES = {"path", "rect", "circle", "ellipse", "polygon", "polyline"}
 _OPAQUE = {"text", "image", "foreignObject"}
 _INHERITED = ("fill", "fill-rule", "fill-opacity", "visibility", "color")
 _EFFECTS = ("clip-path", "mask", "filter", "transform-origin")
-# Style-sheet properties that may change an outline or its fill.
+# Pattern of style-sheet properties that may change an outline or its fill.
 _RULE = re.compile(
     rf"[{{;\s](?:{'|'.join((*_INHERITED, *_EFFECTS))}|display|opacity|transform"
     r"|d|[xyr]|[cr][xy]|width|height)\s*:",
@@ -253,7 +253,7 @@ def _colour(style: Mapping[str, str]) -> tuple[str, float]:
     if text == "none":
         return "", 0.0
     colour = import_module("svgelements").Color("black" if text.startswith("url(") else text)
-    # svgelements misreads colour functions without commas.
+    # svgelements misreads colour functions without commas, so they raise an error.
     if colour.value is None or re.fullmatch(r"(?!url)\w+\([^,]*\)", text):
         raise _refusal("a fill such as red, #f00, rgb(255, 0, 0) or none", text)
     return str(colour.hex), colour.alpha / 255
@@ -322,7 +322,7 @@ class _Document:
         children: Iterable[Any] = element
         if tag == "use":
             inside, children = self._target_of_use(inside)
-        # A switch draws its first element without required extensions.
+        # A switch element draws only its first child that requires no extensions.
         elif tag == "switch":
             children = [e for e in element if _tag(e) and not e.get("requiredExtensions")][:1]
         elif tag == "svg" and element is not self.root and inside.is_requested:
@@ -349,7 +349,7 @@ class _Document:
         )
 
     def _target_of_use(self, context: _Context) -> tuple[_Context, list[Any]]:
-        """Return the context of a use element with its shift, and a list of its target.
+        """Return the context of a use element, including its shift, and a list with its target.
 
         Raises FileFormatError if the target is missing.
         """
@@ -425,8 +425,8 @@ def _visible(painted: Sequence[list[Polygon]], is_white: Sequence[bool]) -> list
 def _unit_and_axes(root: Any, unit_metres: float) -> tuple[float, Points]:
     """Return the unit of the file in metres, and the matrix (3, 3) that only reverses y.
 
-    An absolute width or height is the size of the viewBox; without a viewBox, the unit is a CSS
-    pixel. If neither is absolute, the unit is ``unit_metres``.
+    An absolute width or height specifies the size of the viewBox. Without a viewBox, the unit is a
+    CSS pixel. If neither width nor height is absolute, the unit is ``unit_metres``.
     """
     box, flip = _view_box(root), np.diag([1.0, -1.0, 1.0])
     scales = []

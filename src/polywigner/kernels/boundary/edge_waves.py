@@ -397,14 +397,14 @@ def edge_wave(
     ops: Any, rule: EdgeRule, source: Point, point: Point, start: Point, end: Point,
     aside: Point | None = None, when: Callable[..., tuple[Any, Any]] = _always,
     blocked: Any = None, in_front: Any = None,
-) -> tuple[Any, Any]:  # fmt: skip
+) -> Pair:  # fmt: skip
     """Return 2 pi times the ratio of the boundary wave of an edge to the unobstructed wave.
 
     The boundary wave is the integral of the wave of a point source along a directed edge of a
     silhouette, (SB3). The square v^2 of the variable of integration is the detour minus the
     shortest detour. The integrand is exp(2 pi i v^2) times a smooth even function, whose poles at
     the shadow boundary are integrated in closed form. Beyond ``rule.cycles`` the path of
-    integration is complex. The result is a tuple of the real and the imaginary part.
+    integration is complex.
 
     Parameters
     ----------
@@ -477,13 +477,15 @@ def edge_wave(
     def beyond(v: Any) -> tuple[Any, Any]:
         """Return the integral from v to infinity, along a complex path on which the wave decays."""
         q = v * v
-        total = Pair(0.0, 0.0)
+        total, grown = Pair(0.0, 0.0), Pair(ops.sqrt(foot), 0.0)
         for y, weight in rule.tails:
             stretched = Pair(1.0 + slant * q, slant * y)
             z = Pair(q, y)
             risen = z * stretched
-            growing = Pair(risen.real + foot, risen.imag) if is_black else Pair(foot, 0.0)
-            rooted = root(ops, z * stretched * growing)
+            # The arguments of ``risen`` and ``growing`` are below 180 degrees, but their sum may
+            # exceed 180 degrees. Therefore each factor has a separate root.
+            growing = root(ops, Pair(risen.real + foot, risen.imag)) if is_black else grown
+            rooted = root(ops, risen) * growing
             below = Pair(detour + q, y) * Pair(total_path + q, y) * rooted
             norm = weight / (below.real * below.real + below.imag * below.imag)
             total = total + Pair(below.real * norm, -below.imag * norm)
@@ -514,7 +516,7 @@ def edge_wave(
     # use the same position near the point, so that the sum over all edges is smooth.
     paths_aside = paths if aside is None else _EdgePaths(ops, source, aside, start, along, length)
     step = step * paths_aside.angle(ops, limit, side)
-    return real + step + farther[0], imag + farther[1]
+    return Pair(real + step + farther[0], imag + farther[1])
 
 
 def edge_wave_and_rate(
@@ -532,8 +534,28 @@ def edge_wave_and_rate(
     aside = None if aside is None else jets.constants(aside)
     flags = (None if flag is None else jets.constants((flag,))[0] for flag in (blocked, in_front))
     source_jets = (*jets.constants(source[:2]), height)
-    parts = edge_wave(jets, rule, source_jets, point, start, end, aside, when, *flags)
+    wave = edge_wave(jets, rule, source_jets, point, start, end, aside, when, *flags)
+    parts = wave.real, wave.imag
     return Pair(*(part.value for part in parts)), Pair(*(part.derivatives[0] for part in parts))
+
+
+def edge_change(
+    ops: Any, rule: EdgeRule, wave: Pair, dipole: Pair | None, *path: Any, **how: Any
+) -> tuple[Pair, Pair]:
+    """Return the change of a point source's wave by an edge, and the result of :func:`edge_wave`.
+
+    ``path`` contains the source, the point, the ends of the edge, and optionally the position near
+    the point. ``wave`` is the wave at the point. ``dipole`` is the part of this wave that depends
+    on the direction, without obliquity, or None if this part is zero, (SB5). ``how`` contains
+    further arguments of :func:`edge_wave`.
+    """
+    if dipole is None:
+        boundary = edge_wave(ops, rule, *path, **how)
+        return wave * boundary.scaled(-0.5 / math.pi), boundary
+    boundary, rate = edge_wave_and_rate(ops, rule, *path, **how)
+    # The derivative contributes the factor i/(2 pi), and the boundary wave the factor -1/(2 pi).
+    bend = (dipole * rate).scaled(0.25 / math.pi**2)
+    return wave * boundary.scaled(-0.5 / math.pi) + Pair(bend.imag, -bend.real), boundary
 
 
 def path_over(
@@ -576,7 +598,7 @@ def inverse_sinh(ops: Any, sinh: Any, cosh: Any) -> Number:
 
 
 def root(ops: Any, z: Pair) -> Pair:
-    """Return the principal square root; it loses digits if the real part of z is negative."""
+    """Return the principal square root; it loses digits near the negative real axis."""
     real = ops.sqrt(0.5 * (ops.sqrt(z.real * z.real + z.imag * z.imag) + z.real))
     return Pair(real, 0.5 * z.imag / real)
 

@@ -131,24 +131,36 @@ class PairGrid:
         return {}
 
     @cached_property
-    def on_host(self) -> HostGrid:
-        """The same tables in the layout that :func:`cut_edges` requires."""
+    def cell_map(self) -> CellMap:
+        """The cells in the layout that :func:`rows_at` requires."""
         low_x, low_y, _, _, per_unit, across, count, step = self.numbers[0].tolist()
-        shape = round(count / across), round(across)
-        cells = np.zeros((shape[0] + 2, shape[1] + 2, 3), np.intp)
-        cells[1:-1, 1:-1] = self.cells[:-1, :3].reshape(*shape, 3)
+        nx, ny = round(across), round(count / across)
+        spans = np.zeros((ny + 2, nx + 2, 2), np.intp)
+        spans[1:-1, 1:-1] = self.cells[:-1, (2, 0)].reshape(ny, nx, 2)
+        spans[..., 1] = spans[..., 0] - spans[..., 1]
+        low, counts = np.array([[low_x], [low_y]]), np.array([[nx], [ny]], np.float64)
+        return CellMap(low, per_unit, counts, step, spans.reshape(-1, 2))
+
+    @cached_property
+    def pair_rows(self) -> PairRows:
+        """The rows in the layout that :func:`cut_edges` requires."""
+        number, other, kind, level = self.rows.T
+        edges = np.concatenate([self.first, self.second])
+        starts, vectors, weights = (edges[:, k] + 1j * edges[:, k + 1] for k in (0, 2, 5))
+        falls = (vectors.imag < 0.0) | ((vectors.imag == 0.0) & (vectors.real < 0.0))
+        pair = np.stack([number, other + np.uint32(len(self.first))])
+        (ex, ey), (fx, fy) = (edges[index, 2:4].T for index in pair)
+        cross = ex * fy - ey * fx
+        near = abs(cross) < _SLANTED * abs(vectors)[pair].prod(axis=0)
+        cross[near] = accurate_cross(ex[near], ey[near], fx[near], fy[near])
+        index = np.arange(len(number))
+        first = np.maximum.accumulate(np.where(kind & START, index, 0))
         levels = self.levels[:, 0] + 1j * self.levels[:, 1]
-        weights = np.concatenate([t[:, 5] + 1j * t[:, 6] for t in (self.first, self.second)])
         is_complex = levels.imag.any() or weights.imag.any()
-        return HostGrid(
-            complex(low_x, low_y),
-            per_unit,
-            shape,
-            step,
-            cells.reshape(-1, 3),
-            self.rows.astype(np.intp),
-            _as_complex(self.first),
-            _as_complex(self.second),
+        return PairRows(
+            np.stack([*pair, kind, level.take(first), index - first]).astype(np.uint32),
+            np.stack([cross, np.where(near, abs(cross), 0.0) + ROUNDED]),
+            np.stack([starts, vectors, np.where(falls, -NO_LEVEL, 0.0), weights], axis=-1),
             levels if is_complex else levels.real,
             bool((weights == 1.0).all()),
         )
@@ -180,61 +192,61 @@ class ClipGrid(PairGrid):
 
 
 @dataclass(frozen=True, eq=False)
-class HostGrid:
-    """Tables of a :class:`PairGrid` for NumPy, with points as complex numbers."""
+class CellMap:
+    """Cells of a :class:`PairGrid` for NumPy, with a border of empty cells."""
 
-    low: complex
+    low: Array
+    """Lower left corner of the cells without the border, shape (2, 1)."""
     per_unit: float
-    shape: tuple[int, int]
-    """Number of cells along y and along x."""
+    counts: Array
+    """Number of cells along x and along y without the border, shape (2, 1)."""
     step: float
-    cells: Array
-    """First three columns of ``PairGrid.cells``, with a border of empty cells. Shape (n, 3)."""
+    spans: Array
+    """End of the rows of each cell, and number of these rows. Shape (n, 2)."""
+
+    def at(self, offsets: Array) -> Array:
+        """Return the indices in ``spans`` of the cells that contain offsets, shape (2, n).
+
+        Offsets outside the grid, and NaN, belong to empty cells.
+        """
+        cell = np.floor((offsets - self.low) * self.per_unit)
+        column, row = np.fmin(np.fmax(cell, -1.0), self.counts)
+        across = self.counts.item(0) + 2.0
+        return np.asarray(row * across + (column + (across + 1.0))).astype(np.intp)
+
+
+@dataclass(frozen=True, eq=False)
+class PairRows:
+    """Rows of a :class:`PairGrid` for NumPy, with points as complex numbers."""
+
     rows: Array
-    first: Array
-    """Start, vector, tie limit + i length, and weight of each edge. Shape (n, 4)."""
-    second: Array
+    """First edge, second edge and kind of each row, level at the last START row, and number of rows
+    since that row. Edges and levels are indices. Shape (5, n)."""
+    crosses: Array
+    """Cross product of both edges of each row, and bound below which the sign of other cross
+    products is not reliable. Shape (2, n)."""
+    edges: Array
+    """Start, vector, tie limit and weight of each edge of both outlines. Shape (k, 4)."""
     levels: Array
     is_uniform: bool
     """Whether all weights are 1."""
 
 
-def _as_complex(edges: Array) -> Array:
-    """Return edges of a `PairGrid` as complex numbers (n, 4), in the layout of `HostGrid`."""
-    vectors = edges[:, 2] + 1j * edges[:, 3]
-    falls = (edges[:, 3] < 0.0) | ((edges[:, 3] == 0.0) & (edges[:, 2] < 0.0))
-    limits = np.where(falls, -NO_LEVEL, 0.0) + 1j * abs(vectors)
-    columns = edges[:, 0] + 1j * edges[:, 1], vectors, limits, edges[:, 5] + 1j * edges[:, 6]
-    return np.stack(columns, axis=-1)
-
-
+# Factors of the level and of the jump in the weight of an edge, for each kind of row on the host.
+_FACTORS = np.array([[0.0, 0.0, 1.0, 1.0, 0.0], [1.0, 1.0, 0.0, 0.0, 0.0]])
 # Sine of the angle between two edges below which their intersection needs exact cross products.
 _SLANTED = 1 / 16
 
 
-def cells_at(grid: HostGrid, x: Array, y: Array) -> Array:
-    """Return the indices in ``grid.cells`` of the cells that contain the offsets (x, y).
-
-    Offsets outside the grid, and NaN, belong to empty cells.
-    """
-    rows, across = grid.shape
-    column = np.floor((x - grid.low.real) * grid.per_unit)
-    row = np.floor((y - grid.low.imag) * grid.per_unit)
-    column, row = np.fmin(np.fmax(column, -1.0), across), np.fmin(np.fmax(row, -1.0), rows)
-    return np.asarray((row + 1.0) * (across + 2) + column + 1.0).astype(np.intp)
-
-
-def rows_at(grid: HostGrid, t: Array) -> tuple[Array, Array]:
-    """Return the rows (k, 4) of the cells at offsets ``t`` (n,), and each row's offset index."""
-    spans = grid.cells.take(cells_at(grid, t.real, t.imag), axis=0)
-    begin, counts = spans[:, 0], spans[:, 2] - spans[:, 0]
+def rows_at(cells: CellMap, t: Array) -> tuple[Array, Array]:
+    """Return the rows (k,) of the cells at offsets ``t`` (n,), and each row's offset index (k,)."""
+    ends, counts = cells.spans.take(cells.at(t.view(np.float64).reshape(-1, 2).T), axis=0).T
     owner = np.arange(len(t)).repeat(counts)
-    index = np.arange(len(owner)) + (begin - (counts.cumsum() - counts)).take(owner)
-    return grid.rows.take(index, axis=0), owner
+    return np.arange(len(owner)) + (ends - counts.cumsum()).take(owner), owner
 
 
 def cut_edges(
-    grid: HostGrid, row: Array, owner: Array, t: Array, side: float
+    pairs: PairRows, row: Array, owner: Array, t: Array, side: float
 ) -> tuple[Array, Array, Array, Array]:
     """Return the parts of edges between a crossing and the end of the edge, for each offset.
 
@@ -251,69 +263,56 @@ def cut_edges(
     -------
     owner : ndarray, shape (k,)
         Index of the offset (ascending).
-    edge : ndarray, shape (k, 4)
-        Rows of ``grid.first``.
-    fraction : ndarray, shape (k,)
-        Length of the part, a positive fraction of the edge.
+    end, vector : ndarray, shape (k,)
+        End and vector of the part, as complex numbers.
     weight : ndarray, shape (k,)
         Weight of the edge times the conjugate of the level or of its change at the crossing.
     """
-    number, other, kind, level_of = row.T
-    edge, other_edge = grid.first.take(number, axis=0), grid.second.take(other, axis=0)
-    p = t.take(owner) - other_edge[:, 0] - edge[:, 0]
-    e, f = edge[:, 1], other_edge[:, 1]
-    levels, edges_cross = np.empty((4, len(owner))), (e.conj() * f).imag
-    levels[0], levels[2] = (e.conj() * p).imag, (f.conj() * p).imag
-    np.subtract(levels[0], edges_cross, out=levels[1])
-    np.add(levels[2], edges_cross, out=levels[3])
-    # ROUNDED is an upper bound on the error only for vectors shorter than 8.
-    near: Array = abs(levels) < ROUNDED
-    if near.any():
-        _make_exact(levels, np.flatnonzero(near.any(axis=0)), e, f, p)
-    limit, other_limit = edge[:, 2].real, other_edge[:, 2].real
-    if side < 0.0:
-        limit, other_limit = -NO_LEVEL - limit, -NO_LEVEL - other_limit
-    enters = levels[3] > other_limit
-    meets = ((levels[0] > limit) ^ (levels[1] > limit)) & ((levels[2] > other_limit) ^ enters)
-    slanted = meets & (abs(edges_cross) < _SLANTED * edge[:, 2].imag * other_edge[:, 2].imag)
-    if slanted.any():
-        _make_exact(levels, slanted.nonzero()[0], e, f, p)
-    jump: Array = np.where(meets, np.where(enters, 1.0, -1.0), 0.0)
+    table, (cross, bound) = pairs.rows.take(row, axis=1), pairs.crosses.take(row, axis=1)
+    edge, other_edge = both = pairs.edges.take(table[:2], axis=0)
+    p, vectors = t.take(owner) - other_edge[:, 0] - edge[:, 0], both[..., 1]
+    # The sign of the cross product of an edge with an end of the other edge is the side of this
+    # end.
+    levels = np.empty((2, *vectors.shape))
+    levels[0] = (vectors.conj() * p).imag
+    np.subtract(levels[0, 0], cross, out=levels[1, 0])
+    np.add(levels[0, 1], cross, out=levels[1, 1])
+    near: Array = abs(levels) < bound
+    if np.count_nonzero(near):
+        _make_exact(levels, np.flatnonzero(near.any(axis=(0, 1))), vectors, p)
+    limits = both[..., 2].real
+    is_left = levels > (limits if side > 0.0 else -NO_LEVEL - limits)
+    meets = np.logical_and(*(is_left[0] ^ is_left[1]))
+    jump: Array = meets * (2.0 * is_left[1, 1] - 1.0)
     before = jump.cumsum() - jump
     # The running sum of weights extends over all samples, so double precision would lose digits.
-    if not grid.is_uniform:
-        jump = jump * (other_edge[:, 3] if grid.levels.dtype.kind == "c" else other_edge[:, 3].real)
-        exact = np.clongdouble if jump.dtype.kind == "c" else np.longdouble
-        before = np.cumsum(jump, dtype=exact) - jump
-    # The first row of a ring sets the level. Preceding rows have no effect.
-    last = np.maximum.accumulate(np.where(kind & START, np.arange(len(row)), 0))
-    level = before + (grid.levels.take(level_of) - before).take(last)
-    weight = np.where(kind & WHOLE, level, np.where(kind == LEAD, 0.0, jump))
-    weight = weight.astype(jump.dtype, copy=False)
+    if not pairs.is_uniform:
+        is_complex = pairs.levels.dtype.kind == "c"
+        jump = jump * (other_edge[:, 3] if is_complex else other_edge[:, 3].real)
+        before = np.cumsum(jump, dtype=np.clongdouble if is_complex else np.longdouble) - jump
+    # The first row of a ring sets the level.
+    first = np.arange(len(row)) - table[4]
+    level = before - before.take(first) + pairs.levels.take(table[3])
+    of_level, of_jump = _FACTORS.take(table[2], axis=1)
+    weight = (of_level * level + of_jump * jump).astype(jump.dtype, copy=False)
     (parts,) = weight.nonzero()
-    levels, fraction = levels[2:, parts], np.empty(len(parts))
-    fraction.fill(1.0)
-    np.divide(levels[1], levels[1] - levels[0], out=fraction, where=meets[parts])
-    edge = edge[parts]
-    return owner[parts], edge, fraction, _mutual(grid, edge, weight[parts])
+    start, vector, _, factor = edge.take(parts, axis=0).T
+    # The fraction of an unclipped edge is 1.
+    weight, fraction, end_level = (a.take(parts) for a in (weight, of_level, levels[1, 1]))
+    np.divide(end_level, cross.take(parts), out=fraction, where=meets.take(parts))
+    if not pairs.is_uniform:
+        weight = (factor if is_complex else factor.real) * weight.conj()
+    return owner.take(parts), start + vector, fraction * vector, weight
 
 
-def _mutual(grid: HostGrid, edge: Array, level: Array) -> Array:
-    """Return the weights of rows ``edge`` (k, 4) of a `HostGrid` times conjugate levels (k,)."""
-    if grid.is_uniform:
-        return level
-    weights = edge[:, 3] if level.dtype.kind == "c" else edge[:, 3].real
-    return np.asarray(weights * level.conj())
-
-
-def _make_exact(levels: Array, columns: Array, e: Array, f: Array, p: Array) -> None:
+def _make_exact(levels: Array, columns: Array, vectors: Array, p: Array) -> None:
     """Replace columns of the cross products ``levels`` by values accurate to an ulp.
 
-    The rows are e x p, e x (p - f), f x p and f x (p - e) for complex vectors.
+    The rows are e x p, f x p, e x (p - f) and f x (p - e) for complex vectors.
     """
-    e, f, p = e[columns], f[columns], p[columns]
-    pairs = (e, p), (e, p - f), (f, p), (f, p - e)
-    for row, (a, b) in zip(levels, pairs, strict=True):
+    (e, f), p = vectors[:, columns], p[columns]
+    pairs = (e, p), (f, p), (e, p - f), (f, p - e)
+    for row, (a, b) in zip(levels.reshape(4, -1), pairs, strict=True):
         row[columns] = accurate_cross(a.real, a.imag, b.real, b.imag)
 
 

@@ -86,7 +86,8 @@ def placed_frame(plane: Any, pose: Any, double: bool) -> LinearFrame:
 def _placed_tables(source: PlacedAperture, double: bool) -> OutlineTables:
     """Return the edges of an aperture in the frame of its plane in space."""
     plane = _outline_of(source.aperture, double)
-    return OutlineTables(placed_frame(plane.frame, source.pose, double), plane.edges)
+    frame = placed_frame(plane.frame, source.pose, double)
+    return OutlineTables(frame, plane.edges, plane.following)
 
 
 def _enter_shift(ops: Any, frame: Any, *arguments: Any) -> Values:

@@ -82,13 +82,45 @@ class SliceSum:
 
     def __call__(self, ops: Any, tables: Tables, *inner: Any) -> Values:
         """Return the sums over edges, by the method that suits the operations ``ops``."""
-        if ops.target == "numpy":
-            position, nu = inner[self.position], inner[self.frequency]
-            shape = np.shape(position[0])
-            is_plain = len(shape) == 1 and shape == np.shape(nu[0]) == np.shape(nu[1])
-            if is_plain and np.shape(position[1]) == shape and shape[0] * len(tables.edges) <= _CUT:
-                return self._as_waves(self._sums(ops, tables, position, nu))
-            return self._in_blocks(ops, tables, inner)
+        if ops.target != "numpy":
+            return self._compiled(ops, tables, inner)
+        x, y, *nu = map(np.asarray, (*inner[self.position], *inner[self.frequency]))
+        # Infinite and NaN arguments must give NaN: 0 x is NaN for these values, and 0 otherwise.
+        zero = np.asarray(0.0 * (x + y + (nu[0] + nu[1])))
+        shape, columns = zero.shape or (1,), 1
+        # All frequencies along the second axis use the slices of the positions along the first
+        # axis.
+        is_shared = len(shape) == 2 and x.shape == y.shape == (len(zero), 1)
+        if is_shared:
+            columns, (x, y) = shape[1], (x[:, 0], y[:, 0])
+            nu = list(np.broadcast_arrays(*nu, zero[:1])[:2])
+        elif not x.shape == y.shape == nu[0].shape == nu[1].shape == (zero.size,):
+            x, y, *nu = (np.broadcast_to(a, shape).reshape(-1) for a in (x, y, *nu))
+            zero = zero.reshape(-1)
+        totals = np.empty((self.values, *zero.shape))
+        totals[...] = zero
+        # Temporary arrays have one entry per (sample, edge) pair or (position, frequency) pair.
+        step = max(1, min(_CUT, 16 * _CUT // (columns or 1)) // len(tables.edges))
+        for rows, pair, is_even, owner, part in self.parts(tables, (x, y), step):
+            in_rows = nu if len(nu[0]) == 1 else [n[rows] for n in nu]
+            shifted = in_rows if pair.is_unit else pair.detuned(in_rows)
+            terms = self.terms(ops, tables, tuple(shifted), is_even, pair.is_real)
+            count, sums = rows.stop - rows.start, []
+            if is_shared:
+                sums = _row_sums(terms, owner, part, count, np.shape(in_rows[0]))
+            else:
+                for value in terms.at(owner).of_part(*part):
+                    sums.append(np.bincount(owner, value, count))
+            values = terms.total(tuple(sums))
+            if not pair.is_unit:
+                points = [p[rows, None] if is_shared else p[rows] for p in (x, y)]
+                values = _with_amplitude(values, pair.amplitude(ops, points))
+            for total, value in zip(totals, values, strict=False):
+                total[rows] += value
+        return self._as_waves(list(totals.reshape(self.values, *shape)))
+
+    def _compiled(self, ops: Any, tables: Tables, inner: Values) -> Values:
+        """Return the sums over edges for Dr.Jit arrays and Python floats."""
         # Dr.Jit cannot differentiate nested loops, so gradients need an unrolled loop over edges.
         if ops.needs_gradient(*inner) or (ops.target == "compiled" and tables.fits_code):
             offset = (self.scale * c for c in inner[self.position])
@@ -157,99 +189,40 @@ class SliceSum:
             for run, sums in clipper.sums_of_runs(runs, group, other):
                 yield run.value(sums, position)[:count]
 
-    def _in_blocks(self, ops: Any, tables: Tables, inner: Values) -> Values:
-        """Return the sums, computed in blocks of samples. The arguments must broadcast."""
-        arguments = (*inner[self.position], *inner[self.frequency])
-        shape = np.broadcast_shapes(*map(np.shape, inner)) or (1,)
-        flat = [np.broadcast_to(a, shape).reshape(-1) for a in arguments]
-        step = max(1, _CUT // len(tables.edges))
-        sums = []
-        for k in range(0, flat[0].size, step):
-            x, y, *nu = (a[k : k + step] for a in flat)
-            sums.append(self._sums(ops, tables, (x, y), nu))
-        totals = [np.concatenate(column) for column in zip(*sums, strict=True)]
-        return self._as_waves([total.reshape(shape) for total in totals])
-
-    def shared_sums(
-        self, ops: Any, tables: Tables, position: Sequence[Array], nu: Sequence[Array]
-    ) -> Values:
-        """Return the sums for n positions and m frequencies, shape (n, m).
-
-        ``position`` contains x and y, each with shape (n,). ``nu`` contains nu_x and nu_y, which
-        must broadcast to (n, m). Each slice is computed only once.
-        """
-        columns = np.broadcast_shapes(*(n.shape for n in nu))[1]
-        nu = [np.broadcast_to(n, (n.shape[0], columns)) for n in nu]
-        if nu[0].shape != nu[1].shape:
-            nu = np.broadcast_arrays(*nu)
-        # Temporary arrays have one entry per (position, frequency) pair.
-        step = max(1, min(_CUT, 16 * _CUT // (columns or 1)) // len(tables.edges))
-        results = [np.zeros((len(position[0]), columns)) for _ in range(self.values)]
-        for k in range(0, len(position[0]), step):
-            rows = slice(k, k + step)
-            nu_of_rows = nu if len(nu[0]) == 1 else [n[rows] for n in nu]
-            totals = self._sums(ops, tables, [p[rows] for p in position], nu_of_rows)
-            for result, total in zip(results, totals, strict=True):
-                result[rows] = total
-        return self._as_waves(results)
-
-    def _sums(self, ops: Any, tables: Tables, position: Any, nu: Any) -> list[Any]:
-        """Return the ``values`` edge sums at n positions, with shape (n,) or (n, m).
-
-        ``position`` and ``nu`` are vectors (x, y). The frequencies have the shape (n,), (1, m) or
-        (n, m).
-        """
-        is_shared, count = nu[0].ndim > 1, len(position[0])
-        check = position[0] + position[1]
-        check = check[:, None] + (nu[0] + nu[1]) if is_shared else check + (nu[0] + nu[1])
-        # Infinite and NaN arguments must give NaN: x - x is NaN for these values, and 0 otherwise.
-        totals: list[Any] = [0.0 if np.isfinite(check).all() else check - check] * self.values
-        for pairs, is_even, owner, part in self.parts(tables, position):
-            for pair in pairs:
-                shifted = nu if pair.is_unit else pair.detuned(nu)
-                terms = self.terms(ops, tables, shifted, is_even, pair.is_real)
-                sums = []
-                if is_shared:
-                    sums = _row_sums(terms, owner, part, count, nu[0].shape)
-                else:
-                    for value in terms.at(owner).of_part(*part):
-                        sums.append(np.bincount(owner, value, count))
-                total = terms.total(tuple(sums))
-                if not pair.is_unit:
-                    points = [p[:, None] for p in position] if is_shared else position
-                    total = _with_amplitude(total, pair.amplitude(ops, points))
-                for k in range(self.values):
-                    totals[k] = totals[k] + total[k]
-        return totals
-
     def parts(
-        self, tables: Tables, position: Sequence[Array]
-    ) -> Iterator[tuple[Sequence[WavePair], bool, Array, tuple[Any, ...]]]:
-        """Yield pairs of waves, whether the terms are even, position indices, and edge parts, (K1).
+        self, tables: Tables, position: Sequence[Array], step: int
+    ) -> Iterator[tuple[slice, WavePair, bool, Array, tuple[Any, ...]]]:
+        """Yield the parts of edges of slices for each pair of waves, in blocks of positions, (K1).
 
+        The results are the slice of the ``step`` positions of a block, the pair of waves, whether
+        its terms are even, the index of the position of each part within the block, and the parts.
         A part is a tuple (centre x, centre y, vector x, vector y, real weight, imaginary weight) in
         the slice.
         """
-        t = np.empty(len(position[0]), np.complex128)
-        t.real, t.imag = position
         lists = tables.lists.get(self.pairings)
         if lists is None:
             lists = tables.lists.setdefault(self.pairings, list(self._lists(tables)))
-        for pairs, is_even, grid, sign, side in lists:
-            numbers = (self.scale / grid.step) * t.view(np.float64)
-            offset = (np.rint(numbers) * grid.step).view(np.complex128)
-            t_of_copy = sign * offset
-            row, owner = rows_at(grid, t_of_copy)
-            owner, edge, fraction, weight = cut_edges(grid, row, owner, t_of_copy, sign)
-            vector = (self.scale * fraction) * edge[:, 1]
-            centre = self.scale * (edge[:, 0] + edge[:, 1]) - 0.5 * vector
-            centre += (self.scale * side) * offset.take(owner)
-            imag: Any = 0.0
-            # The edges of the copy AHEAD have conjugated weights.
-            if weight.dtype.kind == "c":
-                weight, imag = weight.real, -weight.imag if side > 0.0 else weight.imag
-            part = centre.real, centre.imag, vector.real, vector.imag, weight, imag
-            yield pairs, is_even, owner, part
+        count = len(position[0])
+        for k in range(0, count, step):
+            rows = slice(k, min(k + step, count))
+            t = np.empty(rows.stop - k, np.complex128)
+            t.real, t.imag = position[0][rows], position[1][rows]
+            for pairs, is_even, grid, sign, side in lists:
+                cells = grid.cell_map
+                numbers = np.rint((sign * self.scale / cells.step) * t.view(np.float64))
+                offset = (cells.step * numbers).view(np.complex128)
+                row, owner = rows_at(cells, offset)
+                owner, end, vector, weight = cut_edges(grid.pair_rows, row, owner, offset, sign)
+                vector *= self.scale
+                centre = self.scale * end - 0.5 * vector
+                centre += (self.scale * sign * side) * offset.take(owner)
+                imag: Any = 0.0
+                # The edges of the copy AHEAD have conjugated weights.
+                if weight.dtype.kind == "c":
+                    weight, imag = weight.real, -weight.imag if side > 0.0 else weight.imag
+                part = centre.real, centre.imag, vector.real, vector.imag, weight, imag
+                for pair in pairs:
+                    yield rows, pair, is_even, owner, part
 
     def _lists(self, tables: Tables) -> Iterator[tuple[Any, ...]]:
         """Yield the edge pairs of each view, as the entries of ``Tables.lists``.
@@ -261,7 +234,7 @@ class SliceSum:
             is_even = other == group and not tables.phased
             for view, side in views:
                 key = view, group, other
-                grid = pairs_of(tables, key, True, _SAMPLES, is_compiled=False).on_host
+                grid = pairs_of(tables, key, True, _SAMPLES, is_compiled=False)
                 yield pairs, is_even, grid, view.side, side
 
     def listed(self, ops: Any, tables: Tables, *position: Array) -> tuple[Array, Array, bool]:
@@ -274,13 +247,12 @@ class SliceSum:
         and the frequency shift.
         """
         owners, rows, count = [np.empty(0, np.intp)], [np.empty((0, _ROW))], len(position[0])
-        for pairs, _, owner, (*geometry, real, imag) in self.parts(tables, position):
-            for pair in pairs:
-                values = (np.broadcast_to(a, count) for a in pair.amplitude(ops, position))
-                factor = Pair(*(a[owner] for a in values)) * Pair(real, imag)
-                columns = (*geometry, factor.real, factor.imag, *pair.shift)
-                owners.append(owner)
-                rows.append(np.stack([np.broadcast_to(c, len(owner)) for c in columns], axis=-1))
+        for _, pair, _, owner, (*geometry, real, imag) in self.parts(tables, position, count):
+            values = (np.broadcast_to(a, count) for a in pair.amplitude(ops, position))
+            factor = Pair(*(a[owner] for a in values)) * Pair(real, imag)
+            columns = (*geometry, factor.real, factor.imag, *pair.shift)
+            owners.append(owner)
+            rows.append(np.stack([np.broadcast_to(c, len(owner)) for c in columns], axis=-1))
         number, table = np.concatenate(owners), np.concatenate(rows)
         order = np.argsort(number, kind="stable")
         table, is_real = table[order], not table[:, 5].any()

@@ -1,14 +1,13 @@
-"""Field of a source behind obstacles, with diffraction at their edges, (SB3).
+"""Field of a source behind obstacles, with diffraction at their edges.
 
 The field is the sum of the waves of the visible radiating points and of the boundary waves of the
-edges. Lengths are in wavelengths, in the source's frame.
+edges, (SB3) of docs/theory/shadows.md. Lengths are in wavelengths, in the source's frame.
 """
 
 from __future__ import annotations
 
 import hashlib
 import logging
-import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache, partial
@@ -40,6 +39,7 @@ from polywigner.mitsuba.scenes import surfaces
 from polywigner.numerics.jets import Jet, flattened, rebuilt
 from polywigner.numerics.phases import Pair, unit_wave
 from polywigner.propagation import equivalent_points, shadows
+from polywigner.propagation.equivalent_points import dipole_obliquity
 from polywigner.propagation.source_nodes import (
     EDGE_AMPLITUDE,
     SourceNodes,
@@ -55,32 +55,33 @@ Field = tuple[Drjit, Drjit]
 NodeWave = Callable[[Drjit], Values]
 """Function from a node's index to the node's wave at a point."""
 
-# Allowed error of |F|^2 relative to its peak; the single-diffraction approximation has a larger
-# error.
+# Allowed error of the far-field pattern |F|^2, relative to its peak. The approximation of single
+# diffraction has a larger error.
 _ERROR = 3e-4
-# Largest number of radiating points; each sample traces one ray per point.
+# Largest number of radiating points of a source. Each sample traces one ray per point.
 _MOST_POINTS = 1024
-# Quadrature rules along edges near a shadow boundary, and along other edges. For random edges, the
-# largest errors relative to the free wave are 9e-6 and 7e-6.
+# Quadrature rules for edges near a shadow boundary, and for other edges. The largest errors for
+# random edges are 9e-6 and 7e-6 of the wave without obstacles.
 _RULE, _FAR_RULE = edge_waves.EdgeRule.of(2.0, 16, 2), edge_waves.EdgeRule.of(0.8, 9, 3)
-# Edges that contribute less than _FAINT to |U|^2 are ignored. In this test, |U| of the free field
-# is assumed to be at least _WEAK. Both constants are fractions of the peak values without
-# obstacles.
+# Edges that contribute less than _FAINT to |U|^2 are ignored. Their contribution is estimated with
+# |U| of the free field, or with _WEAK if this |U| is smaller. Both constants are fractions of the
+# peak values without obstacles.
 _FAINT, _WEAK = 4e-5, 0.1
-# Largest rounding error of the extra length of a path over an end of an edge, as a fraction of its
-# detour.
+# Largest rounding error of the excess length of a path over an end of an edge, as a fraction of the
+# detour via the edge.
 _ROUNDED = 0.01
-# Largest product of face count and radiating-point count for which each radiating point can get its
-# own silhouette, and largest product of face count and node count for which each node gets its own.
+# Largest product of the numbers of faces and radiating points for which each radiating point can
+# have a separate silhouette, and largest product of the numbers of faces and nodes for which each
+# node has a separate silhouette.
 _FEW_FACES, _MOST_FACES = 1 << 15, 1 << 17
 # Amplitude transmission of a surface below which the surface counts as opaque.
 _OPAQUE = 2e-3
-# Shift of illuminated points, as a fraction of their distance from the source's centre. It keeps
-# the points off shadow boundaries after rounding to single precision.
+# Shift of illuminated points, as a fraction of their distance from the source's centre. The shift
+# keeps the points off shadow boundaries despite rounding to single precision.
 _ASIDE = 1e-6
 # Tolerance for positions on a surface, as a fraction of their distance from the source's centre,
-# and gap between the end of a ray and a surface, as a fraction of the ray's length. Both values
-# exceed the rounding error of single precision, also at grazing incidence.
+# and gap between the end of a ray and a surface, as a fraction of the ray's length. Both fractions
+# exceed the rounding error of single precision, even at grazing incidence.
 _ENDS, _SHORT = 1e-5, 4e-5
 # Relative tolerance of fields in scalar variants.
 _HOST_ERROR = 1e-4
@@ -145,9 +146,10 @@ class Shadows:
             )
 
     def intensity_or_free(self, point: mi.Point3f, free: Callable[[mi.Point3f], Drjit]) -> Drjit:
-        """Return |U|^2 at a point in front of the source, in its frame and in scene units.
+        """Return |U|^2 at a point in front of the source.
 
-        Within about three wavelengths of the source, ``free(point)`` computes it without obstacles.
+        The point is in the source's frame, in scene units. Within about three wavelengths of the
+        source, ``free(point)`` computes |U|^2 without obstacles.
         """
         z, x, y = point.z, abs(point.x), abs(point.y)
         far = (z > self._near[2]) | (x > self._near[0]) | (y > self._near[1])
@@ -162,7 +164,7 @@ class Shadows:
         """
         at = tuple(c * self._inverse for c in (point.x, point.y, point.z))
         if not self._jit:
-            # Rounding must not place the point behind its own surface.
+            # The factor keeps a point on a surface in front of this surface despite rounding.
             change, free, _ = self._on_host(
                 positions=(1.0 - _ENDS) * np.array([at]), engine="numpy"
             )
@@ -225,8 +227,8 @@ class Shadows:
                 row = ops.gather(self._tables["edges"], number)
                 centre = tuple(m.Float(c) for c in self._centre)
                 detour, _, foot, excess = edge_waves.path_over(ops, centre, at, row[:3], row[3:6])
-                # Relative to the wave of a long edge, the wave of an end has the amplitude
-                # EDGE_AMPLITUDE sqrt(1/excess - 1/detour).
+                # The wave of an end has the amplitude EDGE_AMPLITUDE sqrt(1/excess - 1/detour),
+                # relative to the wave of a long edge.
                 least = faint * detour * ops.maximum(excess * EDGE_AMPLITUDE**-2, 1.0)
                 fraction = dr.select(detour < row[16], 1.0, 1.0 + _ROUNDED - excess / detour)
                 edge = _Edge(row, detour, foot)
@@ -253,7 +255,7 @@ class Shadows:
         m, ops, count = self._m, self._ops, self._few_nodes
 
         def radiated(number: Drjit) -> tuple[Values, Values]:
-            """Return the wave of a radiating point, and its fractions that nodes represent."""
+            """Return the wave of a radiating point, and its fraction that each node represents."""
             row = ops.gather(self._tables["points"], number)
             ahead, turns = self._path(row, at)
             wave = equivalent_points.wave_ahead(ops, ahead, row[3:5], row[5:7], turns)
@@ -295,11 +297,11 @@ class Shadows:
         span = m.UInt32(row[10]), m.UInt32(row[11])
 
         def near(real: Drjit, imag: Drjit) -> Field:
-            """Add the changes with the waves of the nodes at the point as weights."""
+            """Add the changes, weighted by the waves of the nodes at the point."""
             return self._summed(span, partial(self._change_at, wave_of), edge, at, (real, imag))
 
         def far(real: Drjit, imag: Drjit) -> Field:
-            """Add the changes with the waves of the nodes at the edge as weights."""
+            """Add the changes, weighted by the waves of the nodes at the edge."""
             by_centre = edge.detour > row[17]
             last = m.UInt32(self._counts[0])
             ends = dr.select(by_centre, last, span[0]), dr.select(by_centre, last + 1, span[1])
@@ -332,52 +334,44 @@ class Shadows:
 
     def _change_at(self, wave_of: NodeWave, number: Drjit, edge: _Edge, at: Point) -> Pair:
         """Return the change in a node's wave due to an edge, weighted by the wave at the point."""
-        ops, node = self._ops, self._ops.gather(self._tables["nodes"], number)
-        source, start, end, blocked = self._boundary(node, number, edge, at)
+        node = self._ops.gather(self._tables["nodes"], number)
         real, imag, *dipole = wave_of(number)
-        wave = Pair(real, imag)
-        if not self._is_oblique:
-            boundary = Pair(
-                *edge_waves.edge_wave(
-                    ops, _RULE, source, at, start, end, when=self._when, blocked=blocked
-                )
-            )
-            return wave * boundary.scaled(-0.5 / math.pi)
-        boundary, rate = edge_waves.edge_wave_and_rate(
-            ops, _RULE, source, at, start, end, when=self._when_jets, blocked=blocked
-        )
-        # The factor (SB5) is i/(2 pi) from the derivative, times -1/(2 pi) from the boundary wave.
-        bend = (Pair(*dipole) * rate).scaled(0.25 / math.pi**2)
-        return wave * boundary.scaled(-0.5 / math.pi) + Pair(bend.imag, -bend.real)
+        of_dipole = Pair(*dipole) if self._is_oblique else None
+        path, blocked = self._boundary(node, number, edge, at)
+        return self._changed(_RULE, path, Pair(real, imag), of_dipole, blocked)
 
     def _change_from(self, number: Drjit, edge: _Edge, at: Point) -> Pair:
         """Return the change in a node's wave due to an edge, weighted by the wave at the edge."""
         ops, row = self._ops, edge.row
         node = ops.gather(self._tables["nodes"], number)
-        source, start, end, blocked = self._boundary(node, number, edge, at)
+        path, blocked = self._boundary(node, number, edge, at)
         weight, dipole = self._wave_at_edge(number, edge)
         ahead, turns = self._path(node, at)
         wave = equivalent_points.spherical_wave(ops, ahead, turns)
         if not self._is_single:
-            boundary = Pair(
-                *edge_waves.edge_wave(
-                    ops, _FAR_RULE, source, at, start, end, when=self._when, blocked=blocked
-                )
-            )
-            return wave * weight * boundary.scaled(-0.5 / math.pi)
-        boundary, rate = edge_waves.edge_wave_and_rate(
-            ops, _FAR_RULE, source, at, start, end, when=self._when_jets, blocked=blocked
-        )
+            return self._changed(_FAR_RULE, path, wave * weight, None, blocked)
         foot = tuple(a + edge.foot * (b - a) for a, b in zip(row[:3], row[3:6], strict=True))
-        weight = weight + dipole * _obliquity(ops, ahead)
-        weight = weight - dipole * _obliquity(ops, difference(foot, source))
-        bend = equivalent_points.oblique_change(ops, ahead, (dipole.real, dipole.imag), rate, turns)
-        return wave * weight * boundary.scaled(-0.5 / math.pi) + bend
+        weight = weight + dipole * dipole_obliquity(ops, ahead)
+        weight = weight - dipole * dipole_obliquity(ops, difference(foot, path[0]))
+        return self._changed(_FAR_RULE, path, wave * weight, wave * dipole, blocked)
+
+    def _changed(
+        self,
+        rule: edge_waves.EdgeRule,
+        path: Sequence[Point],
+        wave: Pair,
+        dipole: Pair | None,
+        blocked: Any,
+    ) -> Pair:
+        """Return the change of a wave by an edge; see :func:`edge_waves.edge_change`."""
+        when = self._when if dipole is None else self._when_jets
+        how = {"when": when, "blocked": blocked}
+        return edge_waves.edge_change(self._ops, rule, wave, dipole, *path, **how)[0]
 
     def _wave_at_edge(self, number: Drjit, edge: _Edge) -> tuple[Pair, Pair]:
         """Return the wave of a node at an edge, and its dipole contribution without obliquity.
 
-        Both are relative to a unit spherical wave from the node.
+        Both values are relative to a unit spherical wave from the node.
         """
         m, row = self._m, edge.row
         along = edge.foot * row[15]
@@ -390,11 +384,11 @@ class Shadows:
 
     def _boundary(
         self, node: Drjit, number: Drjit, edge: _Edge, at: Point
-    ) -> tuple[Point, Point, Point, Any]:
-        """Return the position of a node, both ends of an edge, and the blocked part of its wave.
+    ) -> tuple[tuple[Point, ...], Any]:
+        """Return node, point and ends of an edge, and the part of its wave that its face blocks.
 
-        ``node`` is the row of the node, and ``number`` its index, which selects the ends. The last
-        result is None if no face of the scene blocks boundary waves.
+        ``node`` is the row of the node, and ``number`` is its index, which selects the ends of the
+        edge. The blocked part is None if no face of the scene blocks boundary waves.
         """
         m, ops, row = self._m, self._ops, edge.row
         step = m.UInt32(row[13])
@@ -403,7 +397,7 @@ class Shadows:
         blocked = None
         if self._is_blocked:
             blocked = shadows.behind_face(ops, source, start, end, row[6:10], at, 0.0)
-        return source, start, end, blocked
+        return (source, at, start, end), blocked
 
     @staticmethod
     def _if(condition: Drjit, compute: Callable[..., Any], state: Any) -> Any:
@@ -432,7 +426,7 @@ class Shadows:
             return (dr.select(hit, 1.0, hits),)
 
         def over(number: Drjit, detour: Drjit, share: Drjit) -> Field:
-            """Return the least detour and the largest transmission over rim edges so far."""
+            """Return the least detour and the largest transmission, including one more rim edge."""
             row = ops.gather(rims, number)
             longer, passed = shadows.transmission_over(ops, group[:3], at, row[:3], row[3:6])
             return ops.minimum(longer, detour), ops.maximum(passed, share)
@@ -452,7 +446,7 @@ class Shadows:
     def _path(self, row: Drjit, at: Point) -> tuple[Point, Drjit]:
         """Return the vector from a node or radiating point to ``at``, and its length minus |at|.
 
-        ``row`` starts with its x and y.
+        ``row`` starts with the x and y coordinates of the node or radiating point.
         """
         ops, (x, y, z) = self._ops, at
         a, b = row[:2]
@@ -480,7 +474,7 @@ class Shadows:
     def _when_jets(
         self, condition: Drjit, compute: Callable[..., Any], *arguments: Any
     ) -> tuple[Jet, Jet]:
-        """Do the same as `_when` for arguments and results with derivatives."""
+        """Apply `_when` to a function whose arguments and results have derivatives."""
 
         def flat(*parts: Drjit) -> tuple[Drjit, ...]:
             """Evaluate ``compute`` for flattened arguments, and flatten its results."""
@@ -490,12 +484,6 @@ class Shadows:
         state = tuple(flattened(arguments))
         parts = dr.if_stmt(state, condition, flat, lambda *_: zeros, mode="symbolic")
         return Jet(self._ops, parts[0], parts[1:2]), Jet(self._ops, parts[2], parts[3:])
-
-
-def _obliquity(ops: Any, ahead: Point) -> Pair:
-    """Return the ratio (1 + i/(2 pi R)) z/R of the wave of a dipole along z to a spherical wave."""
-    inverse = 1.0 / ops.sqrt(dot(ahead, ahead))
-    return Pair(1.0, (0.5 / math.pi) * inverse).scaled(ahead[2] * inverse)
 
 
 def _nodes_and_silhouettes(
@@ -528,7 +516,7 @@ def _scene_of(m: Any, bodies: list[Obstacle]) -> mi.Scene:
 def cast_shadows(scene: mi.Scene) -> None:
     """Set the scene's obstacles for all sources and receivers with diffraction.
 
-    Raises SceneError if there is such a source or receiver and the scene contains fog.
+    Raises SceneError if a source or receiver has diffraction and the scene contains fog.
     """
     plugins = [
         p for p in (*surfaces.sorted_emitters(scene), *scene.sensors()) if hasattr(p, "estimator")
@@ -558,7 +546,7 @@ def cast_shadows(scene: mi.Scene) -> None:
 
 @contextmanager
 def scene_known(scene: mi.Scene) -> Iterator[None]:
-    """Pass the scene to receivers, and obstacles to plugins with diffraction, in a ``with`` block.
+    """Pass the scene to receivers and obstacles to plugins with diffraction, in a ``with`` block.
 
     The obstacles remain set after the block.
     """

@@ -77,7 +77,7 @@ class WignerEmitter(VariantPlugin):
         self.wavelength = self.adjustable(spec.wavelength)
         self.power = self.adjustable(spec.power)
         self.to_world = m.Transform4f(m.Matrix4f(spec.pose))
-        # Dr.Jit cannot record loops over a single sample that contain literals.
+        # Dr.Jit cannot record a loop over a single sample if the loop contains literals.
         self._dark = opaque(m, 0.0)
         self.polariser = Polariser(m, spec.polarisation)
         self._set_source(spec, spec.wavelength)
@@ -99,7 +99,7 @@ class WignerEmitter(VariantPlugin):
         """Whether the kernel is compiled for a fixed wavelength."""
 
     def traverse(self, callback: mi.TraversalCallback) -> None:
-        """Register wavelength in m, power in W, rigid pose, vertices and weights as parameters."""
+        """Register the wavelength, the power, the rigid pose, the vertices and the weights."""
         differentiable, constant = mi.ParamFlags.Differentiable, mi.ParamFlags.NonDifferentiable
         callback.put(
             "wavelength", self.wavelength, constant if self._is_constant else differentiable
@@ -122,7 +122,7 @@ class WignerEmitter(VariantPlugin):
         source = traced.changed() if "vertices" in keys or "weights" in keys else None
         if source is not None:
             self._set_source(self.spec.with_source(source, wavelength), wavelength)
-            # The user's arrays carry the derivatives.
+            # Only the user's arrays have derivatives, so the new object refers to these arrays.
             self._traced.vertices, self._traced.weights = traced.vertices, traced.weights
             if shape is not None:
                 cover_outline(shape, rigid_pose(matrix_of(self.to_world)), self.spec)
@@ -146,7 +146,7 @@ class WignerEmitter(VariantPlugin):
         self.spec = replace(self.spec, norm=self.spec.norm_at(wavelength))
 
     def _update(self) -> None:
-        """Renew the frame, and the norm that kernels use, after a change of parameters."""
+        """Update the frame, and the norm that kernels use, after a change of parameters."""
         # Each new literal value would recompile the render kernel.
         if self.jit:
             dr.make_opaque(self.wavelength, self.power)
@@ -198,8 +198,8 @@ class WignerEmitter(VariantPlugin):
     def radiance(self, x: mi.Point2f, direction: mi.Vector3f, wave: Wave) -> Drjit:
         """Return the radiance in W/(m^2 sr) at positions x in directions (unit vectors).
 
-        Both are in the source's frame, and positions are in scene units. For elements with several
-        polarisations, the result is a Stokes vector.
+        Positions and directions are in the source's frame, and positions are in scene units. For
+        elements with several polarisations, the result is a Stokes vector.
         """
         traced = self._traced.wigner if self._is_differentiable() else None
         scale = self._kernel_value(self.power) * (wave.inverse * wave.inverse / self._norm)
@@ -271,10 +271,10 @@ class WignerEmitter(VariantPlugin):
     def _density(self, cosine: Drjit, distance: Drjit) -> Drjit:
         """Return the probability density of samples per solid angle.
 
-        ``cosine`` is the cosine of the angle at the source. The density is practically infinite for
-        sources that rays cannot hit, and for the estimator ``exact``. The flag ``delta`` is not
-        used, because it makes the image of Mitsuba's ``direct`` too bright with several emitter
-        samples.
+        ``cosine`` is the cosine of the angle at the source. A very large density represents the
+        infinite density of sources that rays cannot hit, and of the estimator ``exact``. The flag
+        ``delta`` is not used, because it makes the image of Mitsuba's ``direct`` too bright with
+        several emitter samples.
         """
         front = cosine > 0.0
         density = self.m.Float(_INFINITE_DENSITY)
@@ -407,17 +407,17 @@ def aperture(
         error of 1e-4 of its peak at any distance. The result has no noise if the entire source is
         visible from the point (docs/plugin.md).
     bandwidth : float or str, optional
-        Bandwidth of the radiation (not of noise) in Hz or as a string such as "4 GHz". Requires the
-        estimator ``wigner``. Each sample has one frequency of the band (docs/coherence.md).
-        Default: a single wavelength.
+        Bandwidth of the radiation (not of noise) in Hz or as a string such as "4 GHz". A bandwidth
+        requires the estimator ``wigner``. Each sample has one frequency of the band
+        (docs/coherence.md). Default: a single wavelength.
     aperture_power : float or str, optional
         Integral of |u|^2 over the source in watts or as a string, instead of ``power``. Small
         sources radiate only a small fraction of this power, because most of their field is
         evanescent.
     diffraction : bool, default False
         Whether the edges of opaque surfaces in the scene diffract the light, like the edges of
-        black bodies. Requires the estimator ``exact``. Diffraction is computed for one edge at a
-        time (docs/shadows.md).
+        black bodies. Diffraction requires the estimator ``exact``. Diffraction is computed for one
+        edge at a time (docs/shadows.md).
     polarisation : str or array_like, optional
         Polarisation of the field in Mitsuba's polarised variants. It is "x", "y", "right", "left",
         an angle from x towards y such as "45 deg", "unpolarised", or a Jones vector of shape (2,)

@@ -1,8 +1,8 @@
-"""The estimator ``exact``, which evaluates the field of a source in render kernels, (B3) and (B8).
+"""The estimator ``exact``, which evaluates the field of a source in render kernels.
 
-Boundary integrals are evaluated in single precision, and replaced by a sum over equivalent point
-sources at distances of three wavelengths or more if the sum is faster. Lengths are in wavelengths,
-relative to the centre of the source.
+Boundary integrals, (B3) of docs/theory/exact_fields.md, are evaluated in single precision. At
+distances of three wavelengths or more, a sum over equivalent point sources, (B8), replaces these
+integrals if the sum is faster. Lengths are in wavelengths, relative to the centre of the source.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ import numpy as np
 from polywigner.errors import SceneError
 from polywigner.execution import Drjit, NumpyOperations, ops_for
 from polywigner.geometry import Wavefront
+from polywigner.geometry.arguments import check_most
 from polywigner.kernels.boundary import integrals
 from polywigner.kernels.boundary.integrals import distance_of
 from polywigner.mitsuba.plugins.mixtures import SceneSource
@@ -167,18 +168,14 @@ class ExactEstimator:
                 '"wigner"'
             )
         count = panels_in(radiator_of(plane_waves_of(spec.source)), spec.wavelength, _LONGEST)
-        if not count <= _MOST_PANELS:
-            raise SceneError(
-                f'the source has too many edges for the estimator "exact": {count:.0f} pieces of '
-                f"edges, counted once for each plane wave, at most {_MOST_PANELS} are allowed; "
-                'use the estimator "wigner"'
-            )
+        things = "pieces of the edges of a source, counted once for each plane wave"
+        check_most(count, _MOST_PANELS, things, 'use the estimator "wigner"', SceneError)
 
     def irradiance(self, light: WignerEmitter, it: mi.Interaction3f, x: mi.Point2f) -> Drjit:
         """Return the exact irradiance |U|^2 at a point in W/m^2, without the cosine of incidence.
 
-        It is zero behind the source; ``x`` is not used. Raises SceneError if derivatives with
-        respect to the source are enabled.
+        The irradiance is zero behind the source, and ``x`` is not used. Raises SceneError if
+        derivatives with respect to the source are enabled.
         """
         if light.has_gradients():
             raise SceneError(FIXED)
@@ -190,7 +187,7 @@ class ExactEstimator:
     def received(
         self, x: Drjit, direction: Drjit, point: Drjit = None, distance: Drjit = None
     ) -> Drjit:
-        """Return the weight of a ray in m^2, lambda^2 r^2 |U|^2/N, where U is the field at its end.
+        """Return the weight lambda^2 r^2 |U|^2/N of a ray in m^2, where U is the field at its end.
 
         N is the norm of the receiver in W. The end ``point``, in the receiver's frame, and the
         length r = ``distance`` are in scene units; ``x`` and ``direction`` are not used.
@@ -198,7 +195,7 @@ class ExactEstimator:
         return self._scale * (distance * distance) * self.intensity(point)
 
     def set_shadows(self, key: str, shadows: Shadows | None) -> None:
-        """Set the shadows of the scene with the digest ``key``, or None if it has no obstacles."""
+        """Set the shadows of the scene with the digest ``key``, or None without obstacles."""
         self.shadows_key, self._shadows = key, shadows
 
     def intensity(self, point: mi.Point3f) -> Drjit:
@@ -216,7 +213,8 @@ class ExactEstimator:
             )
             if not dr.is_jit_v(self._m.Float):
                 raise SceneError(message)
-            # Dr.Jit also traces sources of scenes that are not rendered, so this is not an error.
+            # Dr.Jit also traces sources of scenes that are not rendered, so an error would be
+            # wrong.
             warnings.warn(
                 f"{message}. The light of this source is NaN", RuntimeWarning, stacklevel=2
             )
@@ -264,7 +262,7 @@ class ExactField:
         return value if self._jit else float(value[0])
 
     def _field(self, x: Drjit, y: Drjit, z: Drjit) -> tuple[Drjit, Drjit]:
-        """Return the complex field at a point in wavelengths, without the phase of its distance."""
+        """Return the complex field at a point in wavelengths, without the phase of the distance."""
         if self._points is None:
             return self._panel_field(x, y, z)
         half_x, half_y = self._half
@@ -276,7 +274,7 @@ class ExactField:
 
     def _panel_field(self, x: Drjit, y: Drjit, z: Drjit) -> tuple[Drjit, Drjit]:
         """Return the field at a point in wavelengths by boundary integrals over panels."""
-        # Each coordinate and the distance are sums of two floats.
+        # The function edge_sum requires each coordinate and the distance as a sum of two floats.
         if self._jit:
             m = self._m
             wide = ops_for(m.Float64)

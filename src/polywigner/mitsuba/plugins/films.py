@@ -15,7 +15,7 @@ import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.errors import ArgumentError, SceneError
+from polywigner.errors import SceneError
 from polywigner.execution import kernel_threads
 from polywigner.geometry.arguments import checked_count
 from polywigner.interruption import temporary_folder
@@ -82,7 +82,7 @@ def threads_for_openexr() -> Iterator[None]:
 def mean_of_colours(image: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
     """Return the average over the colour channels of an image, shape (height, width).
 
-    The colours are the first three channels, or the first one if there are fewer than three.
+    The colours are the first three channels, or the first channel if there are fewer than three.
     """
     colours = 3 if image.shape[-1] >= 3 else 1
     return np.asarray(image[..., :colours].mean(axis=-1, dtype=np.float64))
@@ -103,8 +103,8 @@ _MOST_PER_PIXEL = 1 << 12
 def fineness(camera: mi.Sensor, samples: int) -> int:
     """Return the factor by which each side of a film is refined for ``samples`` per pixel.
 
-    It limits the samples per refined pixel. It is 1 for cameras; only receivers have films that can
-    be refined.
+    The factor limits the number of samples per refined pixel. It is 1 for cameras, because only the
+    films of receivers can be refined.
     """
     doublings = math.ceil(math.log2(samples / _MOST_PER_PIXEL) / 2)
     return 2 ** max(doublings, 0) if hasattr(camera, "fineness") else 1
@@ -112,7 +112,7 @@ def fineness(camera: mi.Sensor, samples: int) -> int:
 
 @contextmanager
 def changed(changes: Sequence[tuple[Any, str, Any]]) -> Iterator[None]:
-    """Set attributes within a ``with`` block; each change is (object, name, value)."""
+    """Set attributes within a ``with`` block; each change is a tuple (object, name, value)."""
     before = [getattr(target, name) for target, name, _ in changes]
     try:
         for target, name, value in changes:
@@ -236,14 +236,12 @@ def check_spp(spp: int) -> int:
 
 
 def check_seed(seed: int) -> int:
-    """Return ``seed``; raise ArgumentError unless it is an integer of at least zero."""
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
-        raise ArgumentError(f"expected seed to be an integer of zero or more, got {seed!r}")
-    return int(seed)
+    """Return ``seed``; raise ArgumentError unless it is an integer from 0 to 2^63 - 1."""
+    return checked_count(seed, "seed", 0, 2**63 - 1)
 
 
 def seed_of(seed: int, *part: int) -> int:
-    """Return a 32-bit seed for the part of a render with the numbers ``part``."""
+    """Return a 32-bit seed for the part of a render that the numbers ``part`` identify."""
     return int(np.random.SeedSequence(seed, spawn_key=part).generate_state(1)[0])
 
 
@@ -256,7 +254,7 @@ def accepted_samples(sampler: mi.Sampler, count: int) -> int:
 
 
 def checked_finite(values: npt.NDArray[Any], name: str) -> npt.NDArray[np.float64]:
-    """Return results of a render; raise SceneError unless all are finite."""
+    """Return the results of a render; raise SceneError unless all results are finite."""
     bad = int(np.count_nonzero(~np.isfinite(values)))
     if bad:
         raise SceneError(

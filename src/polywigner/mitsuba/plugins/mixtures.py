@@ -48,8 +48,8 @@ def emissions(
 ) -> list[tuple[SceneSource, Forms]]:
     """Return the source and the obliquity factor h of each term of a source's radiance.
 
-    The sum of h W over all terms is the radiance times the square of the wavelength. Raises
-    IlluminationError if all waves graze the plane of the source.
+    The sum of h times the Wigner function over all terms is the radiance times the square of the
+    wavelength. Raises IlluminationError if all waves graze the plane of the source.
     """
     check_slopes(source, obliquity)
     terms = OBLIQUITIES[obliquity].terms(flat_source(source), wavelength)
@@ -60,7 +60,7 @@ def emissions(
     return terms
 
 
-# Relative tolerance of the power of partially coherent and broadband sources; the measured error is
+# Relative tolerance of the power of partially coherent and broadband sources. The measured error is
 # at most 2e-5.
 _POWER_ERROR = 1e-5
 # Largest spatial lag in the power integral [wavelengths].
@@ -133,7 +133,7 @@ class Mixture:
         return total
 
     def _with_coherence_width(self, source: SceneSource) -> SceneSource:
-        """Return a coherent source made partially coherent, with this mixture's coherence width."""
+        """Return a coherent source with the coherence width of this mixture."""
         if self.coherence_width == math.inf:
             return source
         return source.partially_coherent(self.coherence_width)
@@ -161,8 +161,8 @@ def mixture_of(
     return source.coherent, Mixture(source.coherence_width, bandwidth)
 
 
-# The norm of a source is required when its entry is created, when the entry is loaded, and after
-# each change.
+# The norm of a source is cached, because creating a scene entry, loading the entry and changing a
+# parameter all require the norm.
 @lru_cache(maxsize=64)
 def norm_of(
     source: SceneSource,
@@ -173,8 +173,8 @@ def norm_of(
 ) -> float:
     """Return the power of the unscaled field of a source in W, with |u|^2 in W/m^2.
 
-    This is the mean power radiated into the front hemisphere ("radiated"), or the integral of |u|^2
-    ("aperture"). Raises SceneError if the power is zero.
+    If ``normalise`` is "radiated", this power is the mean power radiated into the front hemisphere.
+    If it is "aperture", the power is the integral of |u|^2. Raises SceneError if the power is zero.
     """
     if normalise == "aperture":
         return _energy(flat_source(source))

@@ -44,18 +44,19 @@ class PlacedSource(SourceParameters):
 
     @property
     def fields(self) -> list[tuple[SceneSource, Stokes]]:
-        """Scalar sources and Stokes vectors; the sum of irradiance times vector is the total.
+        """Scalar sources, each with a Stokes vector.
 
-        A single vector may be unphysical, such as (0, 0, 1, 0).
+        The sum of the Stokes vectors, weighted by the irradiances of the scalar sources, is the
+        Stokes vector of the light. A single vector may be unphysical, such as (0, 0, 1, 0).
         """
         if self.polarisation is None:
             return [(self.source, (1.0, 0.0, 0.0, 0.0))]
         return stokes_fields(self.source, self.polarisation)
 
     def mirrored(self, normal: Floats, offset: float) -> PlacedSource:
-        """Return the mirror image in the plane ``normal . p = offset``, with the offset in m.
+        """Return the mirror image of the source in the plane ``normal . p = offset``.
 
-        ``normal`` is a unit vector in the frame of the scene.
+        ``normal`` is a unit vector in the frame of the scene, and ``offset`` is in m.
         """
         reflection = np.eye(4)
         reflection[:3, :3] -= 2 * np.outer(normal, normal)
@@ -64,7 +65,7 @@ class PlacedSource(SourceParameters):
         return replace(self, source=_mirrored(self.source), pose=pose)
 
     def image(self, chain: Iterable[Mirror]) -> PlacedSource:
-        """Return the mirror image of the source after reflections by mirrors, first to last."""
+        """Return the mirror image of the source after successive reflections by mirrors."""
         image = self
         for mirror in chain:
             image = image.mirrored(mirror.normal, mirror.offset)
@@ -72,14 +73,12 @@ class PlacedSource(SourceParameters):
 
     def points(self, positions: Floats) -> Floats:
         """Convert positions (n, 2) in the source's frame to scene points (n, 3), all in metres."""
-        result: Floats = positions @ self.pose[:3, :2].T + self.pose[:3, 3]
-        return result
+        return np.asarray(positions @ self.pose[:3, :2].T + self.pose[:3, 3])
 
     @property
     def centre(self) -> Floats:
         """Centre of the bounding box of the source in the scene in m, shape (3,)."""
-        result: Floats = self.points(np.reshape(self.source.bounds, (2, 2)).mean(axis=0)[None])[0]
-        return result
+        return self.points(np.reshape(self.source.bounds, (2, 2)).mean(axis=0))
 
     @property
     def normal(self) -> Floats:
@@ -104,7 +103,7 @@ class PlacedSource(SourceParameters):
 
 
 def _mirrored(source: SceneSource) -> SceneSource:
-    """Return a source with the signs of all x coordinates and frequencies changed."""
+    """Return a source with the signs of all x coordinates and x frequencies changed."""
 
     def image(element: SourceElement) -> SourceElement:
         """Return an element with the signs of all x coordinates changed."""
@@ -199,7 +198,7 @@ def check_obliquity(link: str, first: str, second: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class FacingParts:
-    """Parts of an emitter and a receiver in front of each other's planes."""
+    """Parts of an emitter and a receiver that lie in front of each other's planes."""
 
     emitter: PlacedSource
     receiver: PlacedSource

@@ -1,8 +1,9 @@
 """Polarisation of sources and receivers in Mitsuba's polarised variants.
 
-Mitsuba's Stokes parameters of light along d refer to the axes b = stokes_basis(d) and d x b, and
-polarisations in this package to the axes of Ludwig's third definition. A source emits a column of
-Stokes parameters, and a receiver weights Stokes parameters by a row.
+In Mitsuba, the Stokes parameters of light along the direction d refer to the axes b =
+stokes_basis(d) and d x b. In this package, polarisations refer to the axes of Ludwig's third
+definition. A source emits a column of Stokes parameters, and a receiver weights Stokes parameters
+by a row.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ def is_polarised(variant: str | None = None) -> bool:
 
 
 def polarised_spec(variant: str, spec: SourceParameters, plugin: str) -> SourceParameters:
-    """Return parameters with the default polarisation, if a polarised variant requires it.
+    """Return parameters, with the default polarisation if a polarised variant requires one.
 
     Raises SceneError for a polarisation in an unpolarised variant.
     """

@@ -25,10 +25,10 @@ import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.errors import ArgumentError, SceneError
+from polywigner.errors import SceneError
 from polywigner.execution import Drjit
 from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import takes_frequency
+from polywigner.geometry.arguments import checked_count, takes_frequency
 from polywigner.mitsuba.plugins.emitter import ESTIMATORS, checked_parameters
 from polywigner.mitsuba.plugins.polariser import Polariser
 from polywigner.mitsuba.plugins.registration import (
@@ -55,9 +55,10 @@ from polywigner.source.obliquities import DEFAULT
 
 
 def distance_to_surface(m: Any, scene: mi.Scene, ray: mi.Ray3f, far: Drjit, active: Drjit) -> Drjit:
-    """Return the distance along a ray to the first surface that is not null, in scene units.
+    """Return the distance along a ray to the first surface that is not a null surface.
 
-    Without such a surface, the result is ``far`` or more.
+    The distance is in scene units. If a ray meets no such surface, the distance is at least
+    ``far``.
     """
     direction = m.Vector3f(ray.d)
     state = (m.Point3f(ray.o), m.Float(0.0), m.Bool(active))
@@ -98,8 +99,8 @@ def direction_of(m: Any, angles: mi.Point2f) -> mi.Vector3f:
 def angles_in_pixel(m: Any, point: mi.Point2f, size: tuple[int, int]) -> tuple[mi.Point2f, Drjit]:
     """Map a film position in pixels to angles (alpha, psi) and the solid angle of its pixel.
 
-    ``size`` is the number of columns and rows. Points that are uniform within a pixel become angles
-    that are uniform in solid angle.
+    ``size`` is the number of columns and rows. Uniformly distributed points within a pixel are
+    mapped to angles that are uniformly distributed in solid angle.
     """
     width, height = size
     alpha = point.x * (2.0 / width) - 1.0
@@ -120,7 +121,7 @@ def _root_of_positive(value: Drjit) -> Drjit:
 
 # Smallest cosine of a direction; its square is a normal number in float32.
 _GRAZING = 1e-9
-# Distance of points that stand for directions, in units of max(R^2/wavelength, R) for a receiver of
+# Distance of points that represent directions, in units of max(R^2/wavelength, R) for a receiver of
 # radius R.
 _FAR = 1e4
 # Largest number of surfaces between a receiver with diffraction and the start of a ray.
@@ -204,8 +205,8 @@ class WignerReceiver(VariantPlugin):
     ) -> tuple[mi.RayDifferential3f, Drjit, Drjit]:
         """Return a ray with the angles (alpha, psi), its weight, and the weight of its wavelengths.
 
-        The weight times a radiance and a solid angle is a power in W. The samples select the
-        wavelengths (``sample1``) and the position on the receiver (``sample3``).
+        The weight times a radiance and a solid angle is a power in W. ``sample1`` selects the
+        wavelengths, and ``sample3`` selects the position on the receiver.
         """
         direction = direction_of(self.m, angles)
         ray = self.m.RayDifferential3f()
@@ -307,14 +308,14 @@ def _check_film(values: dict[str, Any]) -> None:
     name = films[0].rfilter().class_name()
     if name != "BoxFilter":
         raise SceneError(
-            f"the film of the wigner_receiver sensor must have a box filter, got {name}; give the "
-            'film <rfilter type="box"/>, because other filters distribute a sample to several '
-            "pixels"
+            f"the film of the wigner_receiver sensor must have a box filter, got {name}; add "
+            '<rfilter type="box"/> to the film, because other filters distribute a sample to '
+            "several pixels"
         )
 
 
 def _build(variant: str, props: mi.Properties) -> mi.Sensor:
-    """Create a ``wigner_receiver`` sensor for a variant of Mitsuba from its properties."""
+    """Create a ``wigner_receiver`` sensor for a variant of Mitsuba from Mitsuba's properties."""
     values = values_of(props)
     spec = checked_parameters(values, RECEIVER, variant)
     _check_film(values)
@@ -380,7 +381,7 @@ def receiver(
         directivity by the fraction of the power in evanescent waves.
     diffraction : bool, default False
         Whether the edges of opaque surfaces in the scene diffract incoming radiation
-        (docs/shadows.md). Requires the estimator ``exact``.
+        (docs/shadows.md). Diffraction requires the estimator ``exact``.
     polarisation : str or array_like, optional
         Polarisation of the wave that the receiver would transmit, as in
         :func:`polywigner.mitsuba.aperture`. The receiver absorbs all power of a wave with this
@@ -436,10 +437,5 @@ def _film_entry(film: tuple[int, int] | Mapping[str, Any] | None) -> dict[str, A
     """Return the dictionary entry of a film from the argument ``film`` of `receiver`."""
     if isinstance(film, Mapping):
         return dict(film)
-    pixels = np.array((1, 1) if film is None else film)
-    if pixels.shape != (2,) or pixels.dtype.kind not in "iu" or pixels.min() < 1:
-        raise ArgumentError(
-            "expected film to be a pair (columns, rows) of integers of at least 1, or None for one "
-            f"pixel, got {film!r}"
-        )
-    return film_of(*pixels.tolist())
+    pixels = (1, 1) if film is None else film
+    return film_of(*(checked_count(size, "each size in film", 1) for size in pixels))

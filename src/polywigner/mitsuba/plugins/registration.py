@@ -24,11 +24,11 @@ from polywigner.source.source_files import source_json
 Logic = TypeVar("Logic")
 _Build = Callable[[str, mi.Properties], mi.Object]
 
-# Mitsuba converts exceptions of plugins to text. The scene loader finds the original exception
-# here, even if several loaders run in parallel.
+# Mitsuba converts exceptions of plugins to text. The scene loader finds the original exceptions in
+# this queue, even if several loaders run in parallel.
 _recent_errors: deque[PolywignerError] = deque(maxlen=8)
 # Mitsuba's kernels contain all emitters and shapes in memory, including unfinished objects of other
-# threads.
+# threads. Therefore only one thread at a time may use scenes.
 _scene_lock = threading.RLock()
 _plugins: dict[tuple[str, str], _Build] = {}
 
@@ -107,9 +107,10 @@ def original_error(error: BaseException) -> PolywignerError | None:
 
 @contextmanager
 def scene_errors(about: str = "", kind: type[Exception] = PolywignerError) -> Iterator[None]:
-    """Convert errors of this package, or of one ``kind``, in a ``with`` block to SceneErrors.
+    """Convert errors of this package in a ``with`` block to SceneErrors.
 
-    ``about`` is the start of their messages.
+    ``kind`` limits the conversion to one class of errors, and ``about`` is the start of the new
+    messages.
     """
     try:
         yield
@@ -170,8 +171,8 @@ def _build_stl(variant: str, props: mi.Properties) -> mi.Mesh:
     vertices = vertices @ matrix[:3, :3].T + matrix[:3, 3]
     if not (np.abs(vertices) <= np.finfo(np.float32).max).all() or not len(triangles):
         raise SceneError(
-            f"expected finite triangles in {path}, got no triangles, NaN or inf; export the file "
-            "again"
+            f"expected {path} to contain triangles with finite coordinates, got an empty mesh, "
+            "NaN or infinity; export the file again"
         )
     # A mirrored body needs reversed triangles for outward normals.
     if np.linalg.det(matrix[:3, :3]) < 0:

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from polywigner.errors import SceneError
 from polywigner.execution import Drjit, ops_for
+from polywigner.geometry.arguments import finite_array
 from polywigner.geometry.convex import Trapezoids, point_in_trapezoid, trapezoids
 from polywigner.numerics import Floats
 from polywigner.source.normal_form import normal_form
@@ -27,14 +28,16 @@ if TYPE_CHECKING:
     from polywigner.mitsuba.plugins.mixtures import SceneSource
 
 
-# Largest number of strips per element and of cells in total, for sampling non-uniform fields.
+# Largest number of strips per element, and largest total number of cells, for the sampling of
+# non-uniform fields.
 _STRIPS, _PIECES = 32, 1 << 16
-# Number of points per lobe of width wavelength/size in the table of directions.
+# Number of points of the table of directions per lobe of the far field, whose width is
+# wavelength/size.
 _POINTS_PER_LOBE = 4
-# Smallest and largest number of points along each axis of the table.
+# Smallest and largest number of points along each axis of the table of directions.
 _FEWEST, _MOST = 32, 1024
-# Largest number of samples along each side of a cell. The mean of these samples includes beams that
-# are narrower than the cell.
+# Largest number of samples along each side of a cell in the table of directions. The mean of these
+# samples includes beams that are narrower than the cell.
 _MOST_PER_CELL = 4
 # Fractions of samples drawn from the far-field pattern (for distant surfaces), its square root (for
 # the Wigner function and near surfaces), and a uniform density.
@@ -49,9 +52,8 @@ def opaque(m: Any, value: float) -> Drjit:
 def single_number(number: Any, name: str) -> float:
     """Return a value as a float; raise SceneError unless it is a single finite number."""
     values = np.asarray(dr.detach(number), dtype=np.float64).ravel()
-    if values.size != 1 or not np.isfinite(values).all():
-        raise SceneError(f"expected {name} to be a single finite number, got {values.tolist()}")
-    return float(values[0])
+    expected = f"expected {name} to be a single finite number"
+    return float(finite_array(values, expected, (1,), error=SceneError)[0])
 
 
 def cells_with_field(m: Any, source: SceneSource, unit: float) -> Positions:
@@ -122,8 +124,8 @@ def directions_of(
     """Return a sampler of directions for a source.
 
     ``terms`` are the terms of `WignerRadiance`, and ``bounds`` is the source's bounding box in
-    metres. The density is a mixture of the far-field pattern g |F|^2 with the obliquity factor g,
-    its square root, and a uniform density.
+    metres. The density is a mixture of the far-field pattern g |F|^2, the square root of this
+    pattern, and a uniform density; g is the obliquity factor.
     """
     low, high = np.reshape(bounds, (2, 2))
     lobes = _POINTS_PER_LOBE * (high - low) / wavelength
@@ -204,5 +206,5 @@ def spectrum(m: Any, value: Drjit, active: Drjit) -> Drjit:
 
 
 def times_stokes(m: Any, stokes: Stokes | None, value: Drjit) -> Drjit:
-    """Multiply a value by a Stokes vector, if any."""
+    """Multiply a value by a Stokes vector, if there is one."""
     return value if stokes is None else m.Vector4f(*stokes) * value

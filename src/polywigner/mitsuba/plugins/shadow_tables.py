@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.geometry.silhouettes import Obstacles, Silhouette
+from polywigner.geometry.silhouettes import Obstacles, Silhouette, pyramids
 from polywigner.propagation import shadows
 from polywigner.propagation.shadows import NO_SURFACE
 from polywigner.propagation.source_nodes import EDGE_AMPLITUDE, NEAR, SourceNodes
@@ -20,9 +20,9 @@ from polywigner.propagation.source_nodes import EDGE_AMPLITUDE, NEAR, SourceNode
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-# Largest phase step between samples along an edge [rad], largest number of samples, and lower limit
-# for the half size of a source when the phase is computed [wavelengths]. Linear interpolation is
-# accurate to step^2/24.
+# Largest phase step between samples along an edge [rad], largest number of samples per edge, and
+# smallest half size of a source for the calculation of the phase [wavelengths]. The error of linear
+# interpolation is step^2/24.
 _STEP, _MOST_SAMPLES, _SLANT = 0.25, 1024, 1.0
 _NO_PLANE, _ALL_BEHIND = (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0, -1.0)
 # Largest gap between edges that count as adjacent, as a fraction of the largest coordinate.
@@ -137,7 +137,7 @@ def edge_tables(
         before, origin = list(sizes), np.zeros(3)
         if blocker is not None:
             origin = blocker.origin
-            triangles.append(_pyramids(blocker.triangles - origin))
+            triangles.append(pyramids(blocker.triangles - origin))
             rims.append(blocker.rim.reshape(-1, 6))
             sizes = [sizes[0] + len(triangles[-1]), sizes[1] + len(rims[-1])]
         rows = [first, end, before[0], sizes[0], before[1], sizes[1]]
@@ -275,7 +275,7 @@ def _positions_along(ends: Floats, side: int) -> Floats:
 
 
 def _hulls(ends: Floats, labels: Indices) -> Floats:
-    """For each edge (m, 2, 3), return the ends (m, 6) of the union of all edges with its label."""
+    """For each edge (m, 2, 3), return the ends (m, 6) of the union of all edges with this label."""
     _, label = np.unique(labels, axis=0, return_inverse=True)
     label = label.ravel()
     corners = []
@@ -334,15 +334,3 @@ def _places(nodes: SourceNodes, reach: float, edge: Floats) -> Floats:
     most = _MOST_SAMPLES if nodes.is_reduced else 2
     count = min(max(1, math.ceil(phase / _STEP)), most)
     return edge[:3] + np.linspace(0.0, 1.0, count + 1)[:, None] * along
-
-
-def _pyramids(corners: Floats) -> Floats:
-    """Return side normals and heights (t, 10) of pyramids from bases (t, 3, 3) to the origin.
-
-    The three normals are divided by twice the area of the base. The height is positive if the
-    base's normal points away from the origin.
-    """
-    a, b, c = np.moveaxis(corners, 1, 0)
-    sides = [np.cross(b, c), np.cross(c, a), np.cross(a, b)]
-    rows = np.column_stack([*sides, np.einsum("tk,tk->t", a, sides[0])])
-    return rows / np.linalg.norm(np.cross(b - a, c - a), axis=1)[:, None]

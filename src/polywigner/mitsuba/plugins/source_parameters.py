@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from numbers import Real
 from pathlib import Path
@@ -22,6 +22,7 @@ from polywigner.geometry import (
     Wavefront,
     read_aperture,
 )
+from polywigner.geometry.arguments import checked_choice, only_given
 from polywigner.mitsuba.plugins.mixtures import (
     Mixture,
     SceneSource,
@@ -42,9 +43,10 @@ from polywigner.quantities import (
     parse_frequency,
     parse_length,
     parse_power,
+    parse_unit,
     wavelength_of,
 )
-from polywigner.reception.couplings import NORMALISATIONS, checked_normalise
+from polywigner.reception.couplings import NORMALISATIONS
 from polywigner.source import Array, read_source
 from polywigner.source.normal_form import PublicSource, normal_form
 from polywigner.source.obliquities import DEFAULT, OBLIQUITIES
@@ -171,14 +173,14 @@ def read_parameters(values: Mapping[str, Any], plugin: str) -> SourceParameters:
     element = _SceneValues(values, f"{plugin} {'shape' if is_emitter else 'sensor'}")
     element.check_names(PARAMETERS if is_emitter else RECEIVER_PARAMETERS)
     default = None if is_emitter else RECEIVER_ESTIMATOR
-    estimator = element.choice("an estimator", ESTIMATORS, default)
+    estimator = element.choice("estimator", ESTIMATORS, default)
     diffraction = element.flag("diffraction", False)
     if diffraction and estimator != "exact":
         raise SceneError(
             f'diffraction requires the estimator "exact", got {estimator!r}; with the estimator '
             '"wigner", obstacles do not change the Wigner function of the source'
         )
-    obliquity = element.choice("an obliquity", OBLIQUITIES, DEFAULT)
+    obliquity = element.choice("obliquity", OBLIQUITIES, DEFAULT)
     wavelength = element.wavelength()
     bandwidth = element.number("bandwidth") if is_emitter else None
     # Errors in source files remain FileFormatErrors.
@@ -194,7 +196,7 @@ def read_parameters(values: Mapping[str, Any], plugin: str) -> SourceParameters:
         scene_unit=element.number("scene_unit") or 1.0,
         support=support_of(source, obliquity),
         mixture=mixture,
-        normalise=checked_normalise(element.text("normalise", NORMALISATIONS[0]), SceneError),
+        normalise=element.choice("normalise", NORMALISATIONS),
         diffraction=diffraction,
         visible=element.flag("visible", True),
         noise={} if is_emitter else {name: element.number(name) for name in NOISE_PARSERS},
@@ -219,17 +221,11 @@ def _power(element: _SceneValues, spec: SourceParameters) -> float:
     return spec.norm if power is None else power
 
 
-def _parse_unit(value: str | float) -> float:
-    """Convert a unit such as "mm", "0.1 m" or 1e-3 to metres."""
-    is_name = isinstance(value, str) and value.strip()[:1].isalpha()
-    return parse_length(f"1 {value}" if is_name else value)
-
-
 _PARSERS: dict[str, Callable[[Any], float]] = {
     "frequency": parse_frequency,
     "wavelength": parse_length,
     "tolerance": parse_length,
-    "scene_unit": _parse_unit,
+    "scene_unit": parse_unit,
     "power": parse_power,
     "aperture_power": parse_power,
     **NOISE_PARSERS,
@@ -240,10 +236,8 @@ def _number(name: str, value: Any, element: str) -> float:
     """Convert the parameter ``name`` of a plugin to SI units; raise SceneError for other values."""
     if not isinstance(value, str | Real) or isinstance(value, bool):
         raise SceneError(f"expected {name} to be a number or a string, got {type(value).__name__}")
-    try:
+    with scene_errors(f"{name} of the {element}: "):
         return float(_PARSERS[name](value))
-    except ValueError as error:
-        raise SceneError(f"{name} of the {element}: {error}") from None
 
 
 def scene_entry(
@@ -288,32 +282,23 @@ class _SceneValues:
                     f"{', '.join(known)}"
                 )
 
-    def choice(self, kind: str, known: Iterable[str], default: str | None = None) -> str:
-        """Return a parameter that is one of ``known``, by default ``default`` or the first of them.
-
-        ``kind`` names the parameter, as in "an estimator".
-        """
-        known = tuple(known)
-        name = self.text(kind.split()[1], default or known[0])
-        if name not in known:
-            raise SceneError(f"expected {kind}, got {name!r}; use one of {', '.join(known)}")
-        return name
+    def choice(self, name: str, known: Collection[str], default: str | None = None) -> str:
+        """Return a parameter that is one of ``known``, by default ``default`` or the first."""
+        with scene_errors():
+            return checked_choice(self.text(name, default or next(iter(known))), name, known)
 
     def source(self, wavelength: float) -> PublicSource | Polyhedron:
         """Return the source with its taper, copies and steering."""
-        texts = {name: self.text(name, None) for name in SOURCE_TEXTS if name in self.values}
+        texts = {name: self.text(name, "") for name in SOURCE_TEXTS if name in self.values}
         return apply_texts(self._outline(), texts, wavelength)
 
     def _outline(self) -> PublicSource | Polyhedron:
         """Return the source of ``aperture`` or ``source``, without taper, copies or steering."""
-        names = [name for name in ("aperture", "source") if name in self.values]
-        if len(names) == 2:
-            raise SceneError(
-                f"expected only one of the parameters aperture and source of the {self.element}, "
-                "got both; a source file can take its outline from an aperture file"
-            )
-        name = self.text((names or ["aperture"])[0], None)
-        in_file = names == ["aperture"] and not is_key(name)
+        given = {key: self.values.get(key) for key in ("aperture", "source")}
+        kinds = " (an aperture file such as GeoJSON or DXF, or a source file)"
+        parameter = only_given(given, SceneError, f"{kinds} of the {self.element}")
+        name = self.text(parameter, "")
+        in_file = parameter == "aperture" and not is_key(name)
         for key in ("unit", "tolerance", "layer", "union"):
             if key in self.values and not in_file:
                 kind = "an aperture from memory" if is_key(name) else "a source file"
@@ -332,16 +317,10 @@ class _SceneValues:
 
     def wavelength(self) -> float:
         """Return the wavelength in m, from exactly one of ``wavelength`` and ``frequency``."""
-        frequency, wavelength = self.number("frequency"), self.number("wavelength")
-        if frequency is not None and wavelength is None:
-            return wavelength_of(frequency)
-        if frequency is None and wavelength is not None:
-            return wavelength
-        got = "both" if frequency else "neither"
-        raise SceneError(
-            f"expected exactly one of frequency and wavelength of the {self.element}, got {got}; "
-            'specify one, such as frequency "94 GHz"'
-        )
+        given = {name: self.number(name) for name in ("frequency", "wavelength")}
+        name = only_given(given, SceneError, f" of the {self.element}")
+        number = given[name] or 0.0
+        return wavelength_of(number) if name == "frequency" else number
 
     def polarisation(self, source: SceneSource) -> Complex | None:
         """Return the Jones vectors (2,) or (n, 2) of a source, or None for unpolarised light."""
@@ -369,15 +348,9 @@ class _SceneValues:
             raise self._wrong_type(name, "True or False", "boolean")
         return bool(value)
 
-    def text(self, name: str, default: str | None) -> str:
-        """Return a text parameter; raise SceneError if it is missing and has no default."""
+    def text(self, name: str, default: str) -> str:
+        """Return a text parameter."""
         value = self.values.get(name, default)
-        if value is None and name not in self.values:
-            raise SceneError(
-                f"the parameter {name!r} of a {self.element} is missing; set aperture to an "
-                "aperture file (such as GeoJSON or DXF), or source to a source file (TOML or "
-                "JSON)"
-            )
         if not isinstance(value, str):
             raise self._wrong_type(name, "a string", "string")
         return value

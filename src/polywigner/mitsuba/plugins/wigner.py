@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from polywigner.errors import SceneError
 from polywigner.execution import Drjit, DrjitOperations, Traced, kernel_with_derivatives, ops_for
 from polywigner.geometry import Aperture, Wavefront
+from polywigner.geometry.arguments import finite_array
 from polywigner.geometry.convex import trapezoids
 from polywigner.kernels import FOURIER, WIGNER, kernel_for, new_tables_of, outline_tables
 from polywigner.kernels.kernel import Kernel
@@ -133,9 +134,9 @@ class WignerRadiance:
     ) -> Drjit:
         """Return the radiance times the squared wavelength in m^2, as a number or Stokes vector.
 
-        The position ``x`` is in scene units from the centre of the source, and ``direction`` is a
-        unit vector in its frame. ``wigner(ops, x, y, nu_x, nu_y)``, in m and 1/m, replaces the
-        Wigner function of each term.
+        The position ``x`` is relative to the centre of the source, in scene units, and
+        ``direction`` is a unit vector in its frame. ``wigner(ops, x, y, nu_x, nu_y)``, with
+        arguments in m and 1/m, replaces the Wigner function of each term.
         """
         position = (x.x * self._unit, x.y * self._unit)
         frequency = self._flattened(_frequency(direction, wave), position, wave.inverse)
@@ -237,8 +238,8 @@ class WignerEstimator:
     def irradiance(self, light: WignerEmitter, it: mi.Interaction3f, x: mi.Point2f) -> Drjit:
         """Return L cos/r^2 from the position ``x``, divided by the density of positions, in W/m^2.
 
-        cos belongs to the emission angle at the source; the cosine of incidence and obstacles are
-        not included.
+        The factor cos is the cosine of the emission angle at the source. The cosine of incidence
+        and obstacles are not included.
         """
         direction, distance = light.direction_to(it, x)
         value = light.radiance(x, direction, light.wave(x, it.p)) * direction.z
@@ -309,12 +310,9 @@ class TracedSource:
 
     def _checked_pairs(self, name: str, flat: Drjit, count: int) -> NDArray[np.float32]:
         """Return a parameter as an array (count, 2); raise SceneError unless it is finite."""
-        values = np.array(dr.detach(flat), np.float32)
-        if values.size != 2 * count or not np.isfinite(values).all():
-            raise SceneError(
-                f"expected {name} to be {2 * count} finite numbers, two for each of {count}, got "
-                f"{values.size} numbers"
-            )
+        values = np.array(dr.detach(flat), np.float32).ravel()
+        expected = f"expected {2 * count} finite numbers, two for each of {count} {name}"
+        finite_array(values, expected, (2 * count,), error=SceneError)
         return values.reshape(-1, 2)
 
     def wigner(self, ops: Any, *point: Drjit) -> Drjit:

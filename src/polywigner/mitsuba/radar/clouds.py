@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import checked_path, in_place, rigid_pose
+from polywigner.geometry.arguments import checked_path, checked_type, in_place, rigid_pose
+from polywigner.geometry.io.limits import checked_suffix
 from polywigner.mitsuba.plugins.mixtures import norm_of, support_of
 from polywigner.mitsuba.plugins.placement import PlacedSource
 from polywigner.mitsuba.radar.range_profile import checked_ranges
@@ -38,9 +39,10 @@ def element_responses(
     """Return the complex response of each element of a receiving array to each scatterer.
 
     The response of element k to scatterer n is ``e_kn = lambda U_k(y_n)/sqrt(N_k)``. U_k is the
-    exact field (docs/received_power.md, (RX8)) that the element would transmit to the position y_n,
-    with the obliquity of the cloud's receiver. N_k is the power that the element would radiate, or
-    the integral of abs(u_k)^2 over the element, according to the ``normalise`` of the receiver.
+    exact field in (RX8) of docs/received_power.md, which the element would transmit to the position
+    y_n, with the obliquity of the cloud's receiver. N_k is the power that the element would
+    radiate, or the integral of abs(u_k)^2 over the element, according to the ``normalise`` of the
+    receiver.
 
     By reciprocity, the element receives the power ``intensity_n abs(e_kn)^2``. For a random
     amplitude of the element (speckle), multiply ``sqrt(intensity_n) e_kn`` by a complex random
@@ -91,7 +93,7 @@ def covariance(
     ``a_k conj(a_l)`` over random amplitudes a of the elements (speckle). R_kk is the power in W
     that element k receives. An array of equal elements with the weights w receives the power
     ``w^T R conj(w) / sum(abs(w)^2)``. The cloud should belong to a receiver whose source is similar
-    to one element, because the scatterers then sample the beam of an element.
+    to one element, so that the scatterers sample the beam of an element.
 
     Parameters
     ----------
@@ -138,10 +140,10 @@ def covariance(
 def _responses(
     positions: Floats, sources: Sequence[Any], to_world: Any, attrs: dict[str, Any]
 ) -> Complex:
-    """Return the complex responses in m to scatterers at ``positions`` (n, 3), shape (sources, n).
+    """Return the complex responses of sources to scatterers in m, shape (sources, n).
 
-    Positions are in the scene, in m. ``to_world`` is the pose of the sources, by default the pose
-    in ``attrs``.
+    The scatterers are at ``positions`` (n, 3) in the scene, in m. ``to_world`` is the pose of the
+    sources, by default the pose in ``attrs``.
     """
     pose = rigid_pose(np.reshape(attrs["to_world"], (4, 4)) if to_world is None else to_world)
     local = (positions - pose[:3, 3]) @ pose[:3, :3]
@@ -159,9 +161,10 @@ def _responses(
 
 
 def end_responses(cloud: Any, ends: Sequence[PlacedSource]) -> Complex:
-    """Return the complex responses (ends, scatterers) of sources and receivers in m.
+    """Return the complex responses of sources and receivers to scatterers in m.
 
-    Each of the ``ends`` has its own pose, wavelength, obliquity and norm.
+    The shape is (ends, scatterers). Each of the ``ends`` has its own pose, wavelength, obliquity
+    and norm.
     """
     positions, _, attrs = _contents_of(cloud)
     rows = []
@@ -186,16 +189,10 @@ def _checked_elements(elements: Any) -> list[Aperture]:
     """Return the elements of an array, without weights; raise ArgumentError for other objects."""
     if isinstance(elements, Array):
         return list(elements.elements_in_plane)
-    parts = [elements] if isinstance(elements, Aperture) else elements
-    if (
-        not isinstance(parts, Sequence)
-        or not parts
-        or not all(isinstance(element, Aperture) for element in parts)
-    ):
-        raise ArgumentError(
-            f"expected elements to be an Array or a sequence of Apertures, got {elements!r}"
-        )
-    return list(parts)
+    expected = "elements to be an Array or a sequence of Apertures"
+    parts = checked_type(elements, expected, Aperture, Sequence)
+    parts = [parts] if isinstance(parts, Aperture) else parts
+    return [checked_type(part, expected, Aperture) for part in parts]
 
 
 def write_scatterers(cloud: Any, path: str | os.PathLike[str]) -> None:
@@ -218,11 +215,9 @@ def write_scatterers(cloud: Any, path: str | os.PathLike[str]) -> None:
     """
     file = checked_path(path)
     _contents_of(cloud)
-    if file.suffix.lower() == ".nc":
+    if checked_suffix(file, (".csv", ".nc"), error=ArgumentError) == ".nc":
         write_netcdf(cloud, file)
         return
-    if file.suffix.lower() != ".csv":
-        raise ArgumentError(f"expected a path with the suffix .csv or .nc, got {str(file)!r}")
     columns: dict[str, list[Any]] = {}
     for name, array in cloud.data_vars.items():
         if array.ndim == 2:

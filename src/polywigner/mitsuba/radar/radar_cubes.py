@@ -1,7 +1,7 @@
-"""Radar data cubes: samples by receiver, emitter, repetition and time, (RC1).
+"""Radar data cubes, which contain samples by receiver, emitter, repetition and time.
 
-The signal is the sum over coherent paths and over a cloud of scatterers with random complex
-amplitudes (speckle).
+The signal, (RC1) of docs/radar.md, is the sum over coherent paths and over a cloud of scatterers
+with random complex amplitudes (speckle).
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, SceneError, require
+from polywigner.errors import SceneError, require
 from polywigner.execution.progress import with_progress
-from polywigner.geometry.arguments import checked_choice, checked_count, checked_flag
+from polywigner.geometry.arguments import check_most, checked_choice, checked_count, checked_flag
 from polywigner.mitsuba.plugins.placement import PlacedSource
 from polywigner.mitsuba.plugins.registration import one_at_a_time
 from polywigner.mitsuba.radar.clouds import end_responses
@@ -32,7 +32,6 @@ from polywigner.numerics import Complex, Floats
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radar import CUBE_DIMS, FMCW, parse_waveform, waveform_attrs
 from polywigner.source import Array
-from polywigner.transforms.xarray_arguments import labelled_array
 
 if TYPE_CHECKING:
     import xarray
@@ -41,10 +40,11 @@ Velocities = dict[str, Floats]
 
 # Relative tolerance of non-uniform FFTs over scatterers.
 _SUMS_ERROR = 1e-7
-# Largest change in (delay x bandwidth) within a block of repetitions; it keeps the phase in the
-# series expansion below 2 rad.
+# Largest change in the product of delay and bandwidth within a block of repetitions. This limit
+# keeps the phase in the series expansion below 2 rad.
 _MOST_CYCLES = 1.25
-# Largest motion within a repetition [range bins]; it limits the relative error to 5e-5.
+# Largest motion of a scatterer within a repetition [range bins]. This limit keeps the relative
+# error below 5e-5.
 _MOST_WITHIN = 4.0
 _MOST_POINTS = 1_000_000
 # Size of a signal above which the signal is a dask array [bytes].
@@ -109,9 +109,9 @@ def radar_cube(
 ) -> xarray.Dataset:
     """Return the samples that the receivers of a radar record in a scene.
 
-    The signal is the sum of coherent paths, scattered fields and thermal noise (docs/radar.md,
-    (RC1)). Coherent paths are the line of sight (leakage), specular paths via flat mirrors, and
-    echoes from conducting bodies, with their complex couplings at all frequencies of the band.
+    The signal is the sum of coherent paths, scattered fields and thermal noise, (RC1) of
+    docs/radar.md. Coherent paths are the line of sight (leakage), specular paths via flat mirrors,
+    and echoes from conducting bodies, with their complex couplings at all frequencies of the band.
     Scattered fields have random amplitudes (speckle), and are weighted by the exact response of
     each receiving element. The delay of each path changes from sample to sample, so moving objects
     migrate through range bins.
@@ -386,11 +386,8 @@ def _cloud_of(
     near = np.isfinite(lengths).all(axis=0)
     rates, wave = cloud["path_rate"].values[near] / SPEED_OF_LIGHT, radar.waveform
     within = np.abs(rates).max(initial=0.0) * wave.bandwidth * wave.samples * wave.time_step
-    if within > _MOST_WITHIN:
-        raise ArgumentError(
-            f"scatterers may move by at most {_MOST_WITHIN:g} range bins within a repetition, got "
-            f"{within:.3g} bins; use slower objects or a shorter waveform"
-        )
+    things = "range bins of motion within a repetition"
+    check_most(within, _MOST_WITHIN, things, "use slower objects or a shorter waveform")
     return _Cloud(
         responses[:, near], emitted[:, near], lengths[:, near] / SPEED_OF_LIGHT, rates,
         excess[:, near] / SPEED_OF_LIGHT,
@@ -400,8 +397,8 @@ def _cloud_of(
 def _responses(cloud: xarray.Dataset, receivers: list[PlacedSource]) -> tuple[Complex, Floats]:
     """Return the responses of a receiver's elements to scatterers, and relative path lengths.
 
-    Both are in m, with the shape (element, scatterer). Path lengths are relative to their mean over
-    the elements.
+    Responses and path lengths are in m, with the shape (element, scatterer). Path lengths are
+    relative to their mean over the elements.
     """
     power, intensity = cloud["power"].values, cloud["intensity"].values
     if min(power.min(), intensity.min()) < 0:
@@ -469,9 +466,10 @@ def _visible(scene: Any, emitter: PlacedSource, position: Floats, offset: Floats
 
 
 def _scattered_signal(radar: _Radar, cloud: _Cloud, speckle: Complex, emitter: int) -> Complex:
-    """Return the signal (element, chirp or 1, sample) of a receiver from its scatterers, (RC1).
+    """Return the signal (RC1) of a receiver from its scatterers.
 
-    ``speckle`` has the shape (scatterer,). Scatterers at rest give a single chirp.
+    The shape is (element, chirp, sample), with a single chirp for scatterers at rest. ``speckle``
+    has the shape (scatterer,).
     """
     signals = cloud.responses * (speckle * cloud.emitted[emitter])
     starts = radar.chirp_times[emitter, :-1]
@@ -496,7 +494,7 @@ def _signal_of_repetitions(
     chosen: NDArray[np.bool_],
     starts: Floats,
 ) -> Complex:
-    """Return the signal (element, repetition, sample) of the ``chosen`` scatterers, (RC1).
+    """Return the signal (RC1) of the ``chosen`` scatterers, shape (element, repetition, sample).
 
     ``signals`` has the shape (element, scatterer), and ``starts`` are the start times of successive
     repetitions in s. The repetition m and the sample n are counted from the centre of the frame. A
@@ -535,9 +533,10 @@ def _signal_of_repetitions(
 
 
 def _nonuniform_fft(slopes: list[Floats], shape: list[int], count: int) -> Any:
-    """Return a plan whose ``execute`` sums amplitudes (count, points) into ``(count, *shape)``.
+    """Return a plan whose method ``execute`` sums waves with amplitudes (count, points).
 
-    The phase of a wave is ``2 pi (slopes . numbers)``, where numbers start at ``-(size // 2)``.
+    The sums have the shape ``(count, *shape)``. The phase of a wave is ``2 pi (slopes . numbers)``,
+    where the numbers along an axis start at ``-(size // 2)``.
     """
     finufft = require("finufft", "radar", "scattered fields are summed with")
     plan = finufft.Plan(1, tuple(shape), count, _SUMS_ERROR, 1, nthreads=1)
@@ -587,4 +586,4 @@ def _dataset(signal: Any, radar: _Radar, about: dict[str, Any]) -> xarray.Datase
     attrs = {**waveform_attrs(radar.waveform), "period": radar.period, **about}
     about_signal = {"units": "sqrt(W)", "long_name": "samples; |.|^2 is power"}
     dataset = described(values, coords, attrs)
-    return dataset.assign(signal=labelled_array(signal, CUBE_DIMS, about_signal))
+    return dataset.assign(signal=(CUBE_DIMS, signal, about_signal))

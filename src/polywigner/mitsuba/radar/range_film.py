@@ -13,8 +13,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from polywigner.errors import ArgumentError, EngineError, SceneError, require
+from polywigner.errors import EngineError, SceneError, require
 from polywigner.execution import Drjit
+from polywigner.geometry.arguments import check_most
 from polywigner.mitsuba.plugins.diffraction import scene_known
 from polywigner.mitsuba.plugins.films import (
     CAMERAS,
@@ -58,7 +59,7 @@ _COUNTERPARTS = {
 def require_transients(variant: str | None = None) -> ModuleType:
     """Import mitransient for the current variant, and return it.
 
-    If ``variant`` is specified, it is set first. Raises EngineError for scalar variants.
+    The ``variant``, if specified, is set first. Raises EngineError for scalar variants.
     """
     if variant is not None:
         mi.set_variant(variant)
@@ -215,11 +216,7 @@ def _range_sensor(sensor: Any, edges: Floats, factor: int) -> RangeSensor:
 def check_bin_count(size: Sequence[int], edges: Floats) -> None:
     """Raise ArgumentError if the pixels (width, height) of a film have too many bins in total."""
     count = int(size[0]) * int(size[1]) * (len(edges) + 1)
-    if count > _MOST_SUMS:
-        raise ArgumentError(
-            f"the pixels have {count} range bins in total, at most {_MOST_SUMS} are allowed; use "
-            "fewer bins or fewer pixels"
-        )
+    check_most(count, _MOST_SUMS, "range bins of all pixels", "use fewer bins or fewer pixels")
 
 
 class RangeFilm(VariantPlugin):

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from polywigner.errors import ArgumentError
 from polywigner.execution.progress import with_progress
-from polywigner.geometry.arguments import checked_callable, real_array
+from polywigner.geometry.arguments import real_array
 from polywigner.mitsuba.plugins.films import seed_of
 from polywigner.mitsuba.plugins.registration import one_at_a_time
 from polywigner.mitsuba.radar.range_film import (
@@ -42,7 +42,6 @@ from polywigner.mitsuba.scenes.rendering import exposed
 from polywigner.mitsuba.scenes.surfaces import is_receiver, receivers_of, wigner_emitters
 from polywigner.numerics import Floats
 from polywigner.quantities import SPEED_OF_LIGHT
-from polywigner.transforms.xarray_arguments import labelled_array
 
 if TYPE_CHECKING:
     import xarray
@@ -85,8 +84,8 @@ def range_profile(
     ranges : array_like, shape (n + 1,)
         Ascending edges of n range bins in m, at least zero. At most 2^20 bins are allowed.
     spp : int, optional
-        Number of samples for each emitter. It is rounded up to a multiple of 16, because the
-        samples are divided into 16 batches. Default: the value of the sensor.
+        Number of samples for each emitter. The number is rounded up to a multiple of 16, because
+        the samples are divided into 16 batches. Default: the value of the sensor.
     seed : int, default 0
         Seed of the random numbers, zero or more.
     receiver : int or str, optional
@@ -180,8 +179,8 @@ def checked_ranges(ranges: npt.ArrayLike) -> Floats:
         single = edges.astype(np.float32)
     if not np.isfinite(single).all() or edges[0] < 0 or not np.all(np.diff(single) > 0):
         raise ArgumentError(
-            "expected ranges to be finite, ascending edges in m, zero or more and different in "
-            f"single precision, got {edges[0]:g} to {edges[-1]:g} in {len(edges) - 1} steps"
+            "expected ranges to be finite, ascending edges in m that are zero or more and differ "
+            f"in single precision, got {edges[0]:g} to {edges[-1]:g} in {len(edges) - 1} steps"
         )
     return edges
 
@@ -196,14 +195,14 @@ def _profile_of(scene: Any, result: Received, edges: Floats) -> xarray.Dataset:
     direct = np.array([[_direct_power_by_range(paths, edges) for paths in row] for row in lights])
     values = _power_variables(by_light, direct) | _noise_variables(powers)
     labels, paths = _paths_of(lights)
-    coords = {**range_axes(edges), "emitter": labelled_array(np.array(names), ("emitter",))}
+    coords = {**range_axes(edges), "emitter": names}
     receivers = [receiver.name for receiver in placed]
     values |= paths
     if is_single := len(receivers) == 1:
         values = {name: (array[0], *rest) for name, (array, *rest) in values.items()}
     else:
         values = {n: (a, ("receiver", *dims), *rest) for n, (a, dims, *rest) in values.items()}
-        coords["receiver"] = labelled_array(np.array(receivers), ("receiver",))
+        coords["receiver"] = receivers
     meaning = "light, then mirrors in the order of reflection; no mirrors: line of sight"
     about = {
         "receiver": receivers[0] if is_single else "several",
@@ -296,12 +295,12 @@ def _paths_of(links: list[list[tuple[DirectPath, ...]]]) -> tuple[npt.NDArray[np
     }
 
 
-def range_axes(edges: Floats) -> dict[str, xarray.Variable]:
+def range_axes(edges: Floats) -> dict[str, Any]:
     """Return the centres and the edges of range bins in m as coordinates of a dataset."""
     length = {"units": "m", "long_name": "range, half the length of the path"}
     return {
-        "range": labelled_array((edges[1:] + edges[:-1]) / 2, ("range",), length),
-        "range_edge": labelled_array(edges, ("range_edge",), {**length, "long_name": "bin edges"}),
+        "range": ("range", (edges[1:] + edges[:-1]) / 2, length),
+        "range_edge": ("range_edge", edges, {**length, "long_name": "bin edges"}),
     }
 
 
@@ -376,16 +375,13 @@ def range_frames(
     lengths = 2.0 * edges / units.pop()
     check_bin_count(camera.film().crop_size(), edges)
     parts = min(_PARTS, total)
-    checked_callable(progress, "progress")
     sums: Any = 0.0
-    with with_progress("renders", range(parts)) as numbers:
+    with with_progress("renders", range(parts), progress) as numbers:
         for part in numbers:
             samples = total // parts + (part < total % parts)
             seed_of_part = seed_of(exposure.seed, part)
             image = sorted_by_range(scene, camera, method, lengths, samples, seed_of_part)
             sums = sums + samples / total * image
-            if progress is not None:
-                progress(part + 1, parts)
     pixels, unit = ("row", "column"), "W m-2 sr-1"
     frames = np.moveaxis(sums[..., 1:-1], -1, 0)
     values = {

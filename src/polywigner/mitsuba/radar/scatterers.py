@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, SceneError
-from polywigner.geometry.arguments import checked_count, finite_array
+from polywigner.geometry.arguments import checked_count, checked_type, finite_array
 from polywigner.mitsuba.plugins.diffraction import scene_known
 from polywigner.mitsuba.plugins.films import checked_finite, depths_of
 from polywigner.mitsuba.plugins.placement import placed_emitters
@@ -38,7 +38,6 @@ from polywigner.mitsuba.scenes.surfaces import (
 from polywigner.numerics import Floats
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.source import Array
-from polywigner.transforms.xarray_arguments import labelled_array
 
 if TYPE_CHECKING:
     import xarray
@@ -53,11 +52,11 @@ def _selected_events(
 ) -> tuple[Events, float]:
     """Select at most ``count`` events at random, with unbiased sums of powers and intensities.
 
-    Return the events, and the standard error of their total power in W due to the selection.
-    Probabilities are proportional to the power. With ``for_elements``, they are proportional to the
-    mean of the relative power and the relative intensity, so that the nulls of an array do not
-    depend on a few events. Systematic sampling in order of path length preserves the distribution
-    of path lengths. Source: W. G. Madow, Ann. Math. Stat. 20 (1949) 333.
+    Return the events, and the standard error of their total power in W due to the selection. The
+    probabilities are proportional to the power. With ``for_elements``, the probabilities are
+    proportional to the mean of the relative power and the relative intensity, so that the nulls of
+    an array do not depend on a few events. Systematic sampling in order of path length preserves
+    the distribution of path lengths. Source: W. G. Madow, Ann. Math. Stat. 20 (1949) 333.
     """
     if len(events) <= count:
         return events, 0.0
@@ -133,7 +132,7 @@ def _probabilities(measure: Floats, count: int) -> Floats:
     """Return probabilities that sum to ``count``, proportional to ``measure`` but at most 1."""
     ordered = np.sort(measure)
     sums = np.cumsum(ordered)
-    # If k probabilities are 1, the sum of the remaining ones is count - k.
+    # If k probabilities are 1, the remaining probabilities must have the sum count - k.
     certain = np.arange(count)
     remainder = sums[len(sums) - 1 - certain]
     scale = (count - certain) / np.where(remainder > 0.0, remainder, 1.0)
@@ -333,14 +332,11 @@ def _registry_number(kind: str, thing: Any) -> int:
 
 def checked_velocities(velocities: Mapping[str, ArrayLike]) -> dict[str, Floats]:
     """Check a mapping from ids to velocities in m/s, and return the velocities as arrays."""
-    if not isinstance(velocities, Mapping):
-        raise ArgumentError(
-            f"expected velocities to be a mapping from ids to (vx, vy, vz), got {velocities!r}"
-        )
+    checked_type(velocities, "velocities to be a mapping from ids to (vx, vy, vz)", Mapping)
     checked = {}
     for name, value in velocities.items():
         expected = (
-            f"expected the velocity of {name!r} as three numbers in m/s with a speed below "
+            f"expected the velocity of {name!r} to be three numbers in m/s with a speed below "
             f"{_FASTEST:.0e} m/s"
         )
         checked[name] = finite_array(value, expected, (3,))
@@ -380,8 +376,7 @@ def _dataset_of(
     }
     if motion is not None:
         values["path_rate"] = (unit * events.rate, along, "m/s", "growth of the path per second")
-    axes = {"axis": labelled_array(np.array(["x", "y", "z"]), ("axis",))}
-    return described(values, axes, about)
+    return described(values, {"axis": ["x", "y", "z"]}, about)
 
 
 def _ids(names: dict[int, str], numbers: NDArray[np.int64]) -> NDArray[np.str_]:

@@ -1,9 +1,12 @@
 """Complex amplitudes and delays of paths between emitters and receivers.
 
-The amplitude of a path is the product of the coupling b of the emitter's image with the receiver
-(RX1), the polarisation factor e_r . E of the reflected unit field E and the receiver's polarisation
-vector e_r, and the amplitude transmission of obstacles, averaged over rays. With diffraction, the
-transmission is the ratio b/b_0 of the couplings with and without obstacles.
+The amplitude of a path is the product of three factors:
+
+- the coupling b of the emitter's image with the receiver, (RX1) of docs/links.md
+- the polarisation factor e_r . E of the reflected unit field E and the receiver's polarisation
+  vector e_r
+- the amplitude transmission of obstacles, which is an average over rays, or with diffraction, the
+  ratio b/b_0 of the couplings with and without obstacles
 """
 
 from __future__ import annotations
@@ -21,7 +24,7 @@ from numpy.typing import ArrayLike
 
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.execution.progress import with_progress
-from polywigner.geometry.arguments import checked_callable, checked_row
+from polywigner.geometry.arguments import checked_row
 from polywigner.mitsuba.plugins.mixtures import norm_of
 from polywigner.mitsuba.plugins.placement import (
     FacingParts,
@@ -56,7 +59,7 @@ from polywigner.mitsuba.scenes.reflectors import (
 from polywigner.mitsuba.scenes.rendering import hide_emitters, polarised_by_default
 from polywigner.mitsuba.scenes.surfaces import receivers_of
 from polywigner.numerics import Complex, Floats
-from polywigner.quantities import SPEED_OF_LIGHT, parse_frequency, wavelength_of
+from polywigner.quantities import SPEED_OF_LIGHT, parse_frequency
 from polywigner.reception import coupling
 from polywigner.scattering.near_fields import echo
 from polywigner.source.polarisation import checked_polarisation, components
@@ -65,7 +68,7 @@ if TYPE_CHECKING:
     import xarray
 
 _MOST_FREQUENCIES = 1 << 16
-# Numbers of Chebyshev nodes to try in turn; each set of nodes contains the previous set.
+# Numbers of Chebyshev nodes that are tried in turn; each set of nodes contains the previous set.
 _NODE_COUNTS = (5, 9, 17, 33, 65)
 # Polarisation match below which a note recommends specifying polarisations.
 _GOOD_MATCH = 0.99
@@ -149,16 +152,13 @@ def channel(
         requested = np.unique([SPEED_OF_LIGHT / emitter.wavelength for emitter in emitters])
     unit = receivers[0].scene_unit
     routes, notes = routes_in(scene, unit, options.reflections, options.bodies)
-    checked_callable(progress, "progress")
     pairs = list(product(receivers, emitters))
     links = []
-    with hide_emitters(scene), with_progress("links", pairs) as pairs_in_turn:
-        for number, (receiver, emitter) in enumerate(pairs_in_turn, 1):
+    with hide_emitters(scene), with_progress("links", pairs, progress) as pairs_in_turn:
+        for receiver, emitter in pairs_in_turn:
             paths, h, of_link = paths_between(scene, emitter, receiver, routes, options, requested)
             links.append((paths, h))
             notes = of_link + notes
-            if progress is not None:
-                progress(number, len(pairs))
     summary = polarisation_summary([*emitters, *receivers], True, options.polarisation)
     return _dataset(requested, receivers, emitters, routes, links, notes, summary)
 
@@ -172,8 +172,6 @@ def checked_frequencies(frequencies: Any) -> Floats:
     row = checked_row(values, expected)
     if row.size > _MOST_FREQUENCIES or not (np.isfinite(row) & (row > 0.0)).all():
         raise ArgumentError(f"{expected}, got {frequencies!r:.100}")
-    for value in row:
-        wavelength_of(float(value))
     return row
 
 
@@ -187,7 +185,7 @@ class CoherentPath:
     transmission: float
     """Amplitude transmission of obstacles, averaged over rays."""
     links: tuple[tuple[complex, FacingParts], ...]
-    """Polarisation factor ``e_r . E`` and facing parts, for each pair of polarised parts."""
+    """Polarisation factor ``e_r . E`` and parts that face each other, for each polarised pair."""
     ends: Ends
     edges: Callable[[float], complex] | None = None
     """Ratio b/b_0 as a function of the wavelength in m, or None without diffraction."""
@@ -212,7 +210,7 @@ class NormalisedSource:
     def root_of_fraction(self, part: PlacedSource, is_complete: bool, wavelength: float) -> float:
         """Return the square root of a part's fraction of the power of the source.
 
-        ``is_complete`` means that ``part`` is one of ``parts``, not a piece of it.
+        ``is_complete`` means that ``part`` is one of ``parts``, not a piece of one.
         """
         if is_complete and len(self.parts) == 1 and self.source.normalise == "radiated":
             return 1.0
@@ -225,15 +223,15 @@ Ends = tuple[NormalisedSource, NormalisedSource]
 
 
 def _normalised(placed: PlacedSource, polarisation: Any) -> NormalisedSource:
-    """Return an end of a link with its polarised parts, for paths that interfere.
+    """Return an emitter or receiver with its polarised parts, for paths that interfere.
 
-    The Jones vector ``polarisation`` applies if the scene specifies none. Raises SceneError for
-    partially coherent, broadband and unpolarised sources.
+    The Jones vector ``polarisation`` applies if the scene specifies no polarisation. Raises
+    SceneError for partially coherent, broadband and unpolarised sources.
     """
     if not placed.mixture.is_plain:
         raise SceneError(
             "interfering paths require coherent light of a single wavelength, got "
-            f"{placed.mixture} at {placed.name!r}; omit the coherence and bandwidth of the light"
+            f"{placed.mixture} at {placed.name!r}; omit its coherence width and bandwidth"
         )
     jones = placed.polarisation
     if jones is None and placed.states_polarisation:
@@ -258,8 +256,8 @@ def paths_between(
 ) -> tuple[list[CoherentPath], Complex, list[str]]:
     """Return the paths between an emitter and a receiver, and notes on excluded effects.
 
-    The second result contains the complex amplitudes (n, paths) at n frequencies in Hz, with the
-    phases of propagation. The sources of ``scene`` must be hidden.
+    The complex amplitudes (n, paths) at n frequencies in Hz, with the phases of propagation, are
+    the second of three results. The sources of ``scene`` must be hidden.
     """
     link = f"from {emitter.name!r} to {receiver.name!r}"
     check_unit(emitter, receiver)
@@ -302,7 +300,8 @@ def _specular_path(
         return result
     facing, taking, rays = result.facing, result.parts.receiver, result.rays
     leg = CentralPath.between(facing, taking, chain, rays)
-    # Ends without a specified polarisation match, so the line of sight has the scalar coupling.
+    # An emitter and a receiver without specified polarisations match along the line of sight, so
+    # the coupling is scalar.
     is_scalar = not chain and not (ends[0].is_polarised or ends[1].is_polarised)
     links = []
     for (emitted, p), (received, q) in product(*(end.parts for end in ends)):
@@ -422,7 +421,7 @@ def _in_band(compute: Callable[[float], Complex], frequencies: Floats, tolerance
 
     ``compute`` returns an array of k complex values for a frequency, and the result has the shape
     (n, k). The number of nodes is doubled until the error at the new nodes is below ``tolerance``,
-    relative to the largest of each of the k values.
+    relative to the largest modulus of each of the k values.
     """
     low, high = float(frequencies.min()), float(frequencies.max())
     steps = _NODE_COUNTS[-1] - 1

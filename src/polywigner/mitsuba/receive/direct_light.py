@@ -1,7 +1,7 @@
 """Direct light at a receiver, along the line of sight and along specular paths.
 
 The received power P from a light of radiant intensity I at the point y, and from a plane wave of
-irradiance E from the direction s, follows from (RX8):
+irradiance E from the direction s, follows from (RX8) of docs/received_power.md:
 
     P = (lambda^2/N) |U(y)|^2 I                   P = (g |F(s)|^2/N) E = D(s) lambda^2/(4 pi) E
 
@@ -53,7 +53,7 @@ from polywigner.source.polarisation import Stokes
 def free_space_coupling(parts: FacingParts, tolerance: float) -> float:
     """Return the ratio of received to radiated power in free space, without polarisation.
 
-    It is the weighted sum of |b|^2, with b of :func:`polywigner.coupling`, over the mutually
+    The ratio is the weighted sum of |b|^2, with b of :func:`polywigner.coupling`, over the mutually
     incoherent waves of emitter and receiver.
     """
     emitter, receiver = parts.emitter, parts.receiver
@@ -159,8 +159,8 @@ def _coupling_and_match(
 ) -> tuple[float, float]:
     """Return the total coupling in free space, and the matched fraction of the transmitted power.
 
-    The matched power is in the receiver's polarisation. ``transmission`` is the mean transmission
-    of the path, shape (1, 1), or a Mueller matrix (4, 4).
+    The matched power is the power in the receiver's polarisation. ``transmission`` is the mean
+    transmission of the path, shape (1, 1), or a Mueller matrix (4, 4).
     """
     size = len(transmission)
     weight = 1.0 if receiver.polarisation is None else 0.5

@@ -33,7 +33,7 @@ def dbm_of(watts: float) -> float | None:
 
 
 def dbm_text(watts: float) -> str:
-    """Return a power in W as a text in dBm; "none" or "below zero" if it is not positive."""
+    """Return a power in W as a text in dBm, or "none" or "below zero" if it is not positive."""
     if watts > 0:
         return f"{dbm_of(watts):.2f} dBm"
     return "none" if watts == 0 else "below zero"

@@ -25,7 +25,7 @@ from polywigner.mitsuba.scenes.reflectors import MASK, THIN, Surface, bsdfs_in
 from polywigner.mitsuba.scenes.surfaces import ShapeExtents, children_of
 from polywigner.numerics import Floats
 
-# Largest number of null surfaces per path; longer paths count as blocked.
+# Largest number of null surfaces per path. Paths through more surfaces count as blocked.
 _MOST_PASSED = 64
 # Number of samples of the fog density between two surfaces.
 _FOG_SAMPLES = 32
@@ -67,7 +67,7 @@ class Plane(NamedTuple):
     rounding: float
     """Largest distance between the plane and rounded hits on the mirror."""
     surfaces: tuple[Surface, Surface] | None
-    """Front and back surface, or None for the reflectance of Mitsuba's BSDF."""
+    """Front and back surface, or None if the reflectance is that of Mitsuba's BSDF."""
 
 
 class Transmission(NamedTuple):
@@ -275,7 +275,7 @@ class RayTracer:
 def _both_sides(before: Surface, behind: Surface, cosine: Floats) -> list[Floats]:
     """Return 1 over Mitsuba's reflectance, and the real amplitude coefficients for s and p waves.
 
-    Negative cosines belong to the surface ``behind``.
+    A negative cosine selects the surface ``behind``.
     """
 
     def values(surface: Surface) -> list[Floats]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import count, product
+from itertools import product
 from typing import Any, NamedTuple
 
 import drjit as dr
@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.execution.progress import slow_bar
-from polywigner.geometry.arguments import checked_callable
 from polywigner.mitsuba.plugins.diffraction import scene_known
 from polywigner.mitsuba.plugins.films import log_only_to, mean_of_colours, seed_of
 from polywigner.mitsuba.plugins.placement import (
@@ -105,10 +104,11 @@ def received_power(
     scene : mi.Scene
         Scene with a ``wigner_receiver`` sensor and lights.
     spp : int, optional
-        Number of samples of scattered light for each emitter. It is rounded up to a multiple of 16,
-        because the samples are divided into 16 batches. Default: the value of the sensor.
+        Number of samples of scattered light for each emitter. The number is rounded up to a
+        multiple of 16, because the samples are divided into 16 batches. Default: the value of the
+        sensor.
     seed : int, default 0
-        Seed of the random numbers, zero or more. Direct light does not depend on it.
+        Seed of the random numbers, zero or more. Direct light does not depend on the seed.
     receiver : int or str, optional
         Id of the receiver, or its index in the sorted list of receiver ids. Required if the scene
         has several receivers.
@@ -120,8 +120,8 @@ def received_power(
         Tolerance of couplings, as in :func:`polywigner.coupling`.
     bandwidth, temperature, noise_figure : float or str, optional
         Bandwidth B in Hz, temperature T in K and noise figure F in dB of the noise power k T B F,
-        or strings such as "1 GHz". They replace the parameters of the receiver. Without a noise
-        figure, F is 1. The bandwidth also determines which emitters are received.
+        or strings such as "1 GHz". These arguments replace the parameters of the receiver. Without
+        a noise figure, F is 1. The bandwidth also determines which emitters are received.
     coherent : bool, default False
         Whether the direct paths of an emitter interfere, so that their amplitudes are added as in
         :func:`polywigner.mitsuba.channel`. Scattered light and light of different emitters do not
@@ -282,11 +282,9 @@ def scattered_here(
 
     Return powers in W, shape (receivers, batches, lights, ...).
     """
-    done, total = count(1), len(plans) * BATCHES * len(lights_of(scene))
-    checked_callable(progress, "progress")
-    with slow_bar("renders", total) as advance:
-        report = advance if progress is None else lambda: progress(next(done), total)
-        return np.array([[p.batch(scene, k, report) for k in range(BATCHES)] for p in plans])
+    total = len(plans) * BATCHES * len(lights_of(scene))
+    with slow_bar("renders", total, progress) as advance:
+        return np.array([[p.batch(scene, k, advance) for k in range(BATCHES)] for p in plans])
 
 
 def _direct_lights(
@@ -380,8 +378,8 @@ def _result(
     )
 
 
-# Number of pixels per side of an arrival map, and number of samples per pixel, for compiled and for
-# scalar variants.
+# Number of pixels per side of an arrival map, and number of samples per pixel: first for compiled
+# variants, then for scalar variants.
 _FINE, _COARSE = (64, 64), (24, 4)
 
 

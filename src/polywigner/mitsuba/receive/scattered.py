@@ -32,9 +32,9 @@ from polywigner.mitsuba.receive.ray_transmission import joined, point_batches
 from polywigner.mitsuba.scenes.rendering import check_is_complete, exposed, illuminated_by
 from polywigner.mitsuba.scenes.surfaces import (
     bounds_of,
-    connected_parts,
     faces_of,
     is_receiver,
+    pieces_of_mesh,
     sorted_shapes,
     vertices_of,
     wigner_emitters,
@@ -49,8 +49,8 @@ _AIMED = 1 / 8
 _EQUAL = 0.5
 # Largest number of boxes per receiver, because each sample tests all boxes.
 _MOST_BOXES = 64
-# Largest number of pieces, and largest number of faces, for which each piece of a mesh gets its own
-# box.
+# Largest number of pieces, and largest number of faces, for which each piece of a mesh has a
+# separate box.
 _MOST_PIECES, _MOST_FACES = 64, 1 << 17
 # Samples are aimed at a box if less than this fraction of the unaimed samples is in the box.
 _MOST_UNAIMED = 1 / 16
@@ -83,10 +83,10 @@ def _boxes(shape: Any) -> list[Floats]:
     shape_box = [bounds_of(shape)]
     if "faces" not in mi.traverse(shape) or not 1 < shape.face_count() <= _MOST_FACES:
         return shape_box
-    points, parts = connected_parts(vertices_of(shape), faces_of(shape))
-    if not 1 < len(parts) <= _MOST_PIECES:
+    pieces = pieces_of_mesh(vertices_of(shape), faces_of(shape))
+    if not 1 < len(pieces) <= _MOST_PIECES:
         return shape_box
-    return [np.array([points[p].min(axis=(0, 1)), points[p].max(axis=(0, 1))]) for p in parts]
+    return [np.array([points.min(axis=0), points.max(axis=0)]) for points, _ in pieces]
 
 
 def _vectors_to_boxes(sensor: Any, boxes: Floats) -> Floats:
@@ -238,7 +238,7 @@ class Scattering:
     def values(self) -> tuple[int, ...]:
         """Shape of the power of one light in a batch.
 
-        It is (), or (bins + 2,) with range bins, including shorter and longer paths.
+        The shape is (). With range bins, it is (bins + 2,), including shorter and longer paths.
         """
         return () if self.edges is None else (len(self.edges) + 1,)
 

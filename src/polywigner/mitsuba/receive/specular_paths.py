@@ -77,8 +77,8 @@ class PassingRays(NamedTuple):
     def amplitude(self) -> float:
         """Mean square root of the transmission, including blocked rays.
 
-        If mirrors form a corner, each order of reflection has only a part of the rays, and the
-        values of all orders add up to the value of the corner.
+        If mirrors form a corner, each order of the mirrors reflects only a part of the rays, and
+        the values of all orders add up to the value of the corner.
         """
         return float(np.sqrt(self.fractions[:, 0, 0]).sum() / _ray_count())
 
@@ -92,7 +92,7 @@ def passing_rays(
 ) -> PassingRays:
     """Trace 4096 rays, or 1024 in scalar variants, from an emitter via flat mirrors to a receiver.
 
-    ``coherent`` excludes the effects of mirrors and panes on the field.
+    If ``coherent`` is true, the effects of mirrors and panes on the field are excluded.
     """
     points = _rays_between(emitter, receiver, chain)
     leaves = (points[-2] - points[-1]) @ emitter.normal > 0
@@ -180,7 +180,8 @@ class CentralPath(NamedTuple):
 _POINTS_ERROR = 1e-6
 # Distance between a mirror and the ends of its rays, relative to the length of the segment.
 _GAP = 1e-3
-# Half the step of the central difference [wavelengths]; the relative error is 7e-8.
+# Half the step of the central difference that replaces a normal derivative [wavelengths]; the
+# relative error is 7e-8.
 _STEP = 1e-4
 
 
@@ -220,11 +221,11 @@ def diffracted_ratio(
 def _receiving_points(
     points: Sequence[RadiatingPoint], axes: Floats, origin: Floats
 ) -> tuple[Floats, Complex]:
-    """Return positions (n, 3) and complex weights (n,); a receiver sums the weighted fields there.
+    """Return the positions and complex weights with which a receiver sums a field.
 
-    The positions, and the pose ``axes`` and ``origin`` of the receiver, are in the emitter's frame,
-    in wavelengths. By reciprocity, a dipole receives the normal derivative of the field, computed
-    as a finite difference.
+    The positions have the shape (n, 3), and the weights (n,). The positions, and the receiver's
+    pose ``axes`` and ``origin``, are in the emitter's frame, in wavelengths. By reciprocity, a
+    dipole receives the normal derivative of the field, computed as a finite difference.
     """
     positions = np.array([p.position for p in points]) @ axes.T + origin
     field, slope = (np.array(w) for w in zip(*((p.field, p.slope) for p in points), strict=True))
@@ -321,11 +322,11 @@ def _clipped_mesh(points: Floats, faces: Any, normal: Floats, offset: float) -> 
 def even_points(count: int, dimensions: int, shift: float | Floats = 0.5) -> Floats:
     """Return quasi-random points (count, dimensions) in the unit cube.
 
-    The first point is ``shift``. Source: M. Roberts, "The unreasonable effectiveness of quasirandom
-    sequences" (2018).
+    The first point has the coordinates ``shift``. Source: M. Roberts, "The unreasonable
+    effectiveness of quasirandom sequences" (2018).
     """
     root = 1.0
-    for _ in range(64):  # Fixed point of x^(dimensions + 1) = x + 1.
+    for _ in range(64):  # Root of x^(dimensions + 1) = x + 1.
         root = (1.0 + root) ** (1.0 / (dimensions + 1))
     steps = np.arange(count)[:, None] * root ** -np.arange(1.0, dimensions + 1)
     return np.asarray((shift + steps) % 1)

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import mitsuba as mi
 import numpy as np
 
-from polywigner.errors import ArgumentError, PolywignerError, SceneError
-from polywigner.geometry.arguments import checked_count
+from polywigner.errors import SceneError, at_key
+from polywigner.geometry.arguments import check_most, checked_count, checked_type
+from polywigner.geometry.polyhedron import axes_across, normals_of
 from polywigner.geometry.shapes import square
 from polywigner.mitsuba.scenes.surfaces import faces_of, sorted_shapes, vertices_of
 from polywigner.numerics import Complex, Floats
@@ -28,8 +29,10 @@ if TYPE_CHECKING:
 MOST_FACES = 32
 # Largest number of mirror sequences; each sequence takes a few milliseconds.
 _MOST_CHAINS = 5000
-# Largest difference between the normals, and between the offsets relative to the coordinates, of
-# planes that count as equal.
+# Advice for scenes with too many paths.
+_FEWER_PATHS = "allow fewer reflections, or give small mirrors a rough BSDF"
+# Largest difference between the normals of planes that count as equal, and largest difference
+# between their offsets, relative to the coordinates.
 _FLAT = 1e-5
 # Components of a normal below this value are treated as rounding errors. A tilt by this angle
 # shifts an image at 100 m by 10 um, which is about a radian of phase at terahertz frequencies.
@@ -49,8 +52,7 @@ class Mirror:
     def image_of(self, points: Floats) -> Floats:
         """Return the mirror images of points (..., 3) in m."""
         height = points @ self.normal - self.offset
-        result: Floats = points - 2 * height[..., None] * self.normal
-        return result
+        return np.asarray(points - 2 * height[..., None] * self.normal)
 
 
 Chain = tuple[Mirror, ...]
@@ -116,12 +118,8 @@ def chains_of(mirrors: list[Mirror], most: int) -> Iterator[Chain]:
     """
     count = len(mirrors)
     total = sum(count * (count - 1) ** k for k in range(most)) if count else 0
-    if total > _MOST_CHAINS:
-        raise SceneError(
-            f"{count} flat mirrors with up to {most} reflections have {total} possible paths, at "
-            f"most {_MOST_CHAINS} are allowed; reduce the number of reflections, or give small "
-            "mirrors a rough BSDF"
-        )
+    things = f"paths via {count} flat mirrors with up to {most} reflections"
+    check_most(total, _MOST_CHAINS, things, _FEWER_PATHS, SceneError)
     chains: list[Chain] = [()]
     for _ in range(most):
         chains = [(*chain, m) for chain in chains for m in mirrors if chain[-1:] != (m,)]
@@ -160,11 +158,11 @@ def _is_same_plane(plane: tuple[Floats, float], normal: Floats, offset: float, s
 
 def _corners_and_normals(shape: mi.Mesh) -> tuple[Floats, Floats]:
     """Return a corner and the unit normal of each triangle with an area, shapes (n, 3)."""
-    a, b, c = np.moveaxis(vertices_of(shape)[faces_of(shape)], 1, 0)
-    normals = np.cross(b - a, c - a)
+    corners = vertices_of(shape)[faces_of(shape)]
+    normals = normals_of(corners)
     lengths = np.linalg.norm(normals, axis=1)
     has_area = lengths > 0
-    return a[has_area], normals[has_area] / lengths[has_area, None]
+    return corners[has_area, 0], normals[has_area] / lengths[has_area, None]
 
 
 def _centre_and_normal(shape: mi.Shape) -> tuple[Floats, Floats]:
@@ -268,12 +266,12 @@ def _mean_number(value: Any) -> float:
 def reflected(field: Any, direction: Floats, normal: Floats, surface: Surface) -> Complex:
     """Return the electric field of a plane wave after reflection, shape (3,).
 
-    ``direction`` is the propagation direction. It and ``normal``, which may point to either side,
-    are unit vectors.
+    ``direction`` is the propagation direction. Both ``direction`` and ``normal`` are unit vectors;
+    the normal may point to either side.
     """
     across = np.cross(normal, direction)
     if np.linalg.norm(across) < _NORMAL_INCIDENCE:
-        across = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+        across = axes_across(normal)[0]
     across = across / np.linalg.norm(across)
     outgoing = direction - 2 * (normal @ direction) * normal
     r_across, r_along = surface.coefficients(abs(float(normal @ direction)))
@@ -304,14 +302,12 @@ class Body:
         """
         z = image.centre - self.facets.centre
         z /= np.linalg.norm(z)
-        x = np.cross(np.eye(3)[np.abs(z).argmin()], z)
-        x /= np.linalg.norm(x)
         pose = np.eye(4)
-        pose[:3] = np.stack([x, np.cross(z, x), z, self.facets.centre], axis=-1)
+        pose[:3] = np.stack([*axes_across(-z), z, self.facets.centre], axis=-1)
         return replace(like, source=square(self.facets.size / 2), pose=pose)
 
     def antenna(self, image: PlacedSource, wavelength: float) -> Antenna:
-        """Return the mirror image of an end as an antenna in the frame of the body's centre."""
+        """Return the ``image`` of an end as an antenna, in a frame at the centre of the body."""
         pose: Floats = np.asarray(np.linalg.inv(image.pose), np.float64)
         pose[:3, 3] += pose[:3, :3] @ self.facets.centre
         condition: Any = image.obliquity
@@ -376,11 +372,8 @@ def checked_bodies(bodies: Any) -> tuple[Body, ...]:
     """Convert the argument ``bodies`` of :func:`polywigner.mitsuba.channel` to bodies."""
     if bodies is None:
         return ()
-    if not isinstance(bodies, Mapping) or not all(isinstance(name, str) for name in bodies):
-        raise ArgumentError(
-            "expected bodies to be a dict whose values are bodies that pw.rcs accepts, or pairs of "
-            f"a body and a number of reflections, got {bodies!r:.100}"
-        )
+    expected = "bodies to be a dict of bodies, or pairs of a body and a number of reflections"
+    checked_type(bodies, expected, Mapping)
     return tuple(_body(name, value) for name, value in bodies.items())
 
 
@@ -389,10 +382,8 @@ def _body(name: str, value: Any) -> Body:
     bounces = 1
     if isinstance(value, tuple) and len(value) == 2 and isinstance(value[1], int | np.integer):
         value, bounces = value
-    try:
+    with at_key(f"the body {name!r}"):
         return Body(name, facets_of(value), checked_count(bounces, "reflections", 1, MOST_BOUNCES))
-    except PolywignerError as error:
-        raise ArgumentError(f"the body {name!r}: {error}") from None
 
 
 def _echoes_of(bodies: Sequence[Body], mirrors: Sequence[Mirror], reflections: int) -> list[Echo]:
@@ -404,12 +395,8 @@ def _echoes_of(bodies: Sequence[Body], mirrors: Sequence[Mirror], reflections: i
         raise SceneError(f"the name {name!r} belongs to a body and to a mirror; rename the body")
     single: list[Chain] = [(), *((mirror,) for mirror in mirrors if reflections)]
     pairs = [pair for pair in product(single, single) if sum(map(len, pair)) <= reflections]
-    if len(bodies) * len(pairs) > _MOST_PATHS:
-        raise SceneError(
-            f"{len(bodies)} bodies and the flat mirrors of the scene have "
-            f"{len(bodies) * len(pairs)} possible paths, at most {_MOST_PATHS} are allowed; allow "
-            "fewer reflections, or give small mirrors a rough BSDF"
-        )
+    things = "paths via bodies and flat mirrors"
+    check_most(len(bodies) * len(pairs), _MOST_PATHS, things, _FEWER_PATHS, SceneError)
     return [Echo(before, body, after) for body in bodies for before, after in pairs]
 
 

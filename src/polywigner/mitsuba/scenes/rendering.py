@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
-from itertools import count, permutations
+from itertools import permutations
 from typing import Any
 
 import drjit as dr
@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from polywigner.errors import ArgumentError, SceneError, StoreError
 from polywigner.execution.progress import slow_bar
-from polywigner.geometry.arguments import checked_callable, checked_count
+from polywigner.geometry.arguments import checked_count
 from polywigner.mitsuba.plugins import films
 from polywigner.mitsuba.plugins.diffraction import scene_known
 from polywigner.mitsuba.plugins.placement import placed_receiver
@@ -75,8 +75,8 @@ class Exposure:
         """Render the cropped film, shape (rows, columns, channels)."""
         scene, camera, integrator = self.scene, self.camera, self.integrator
         factor, lights = films.fineness(camera, spp), scene.emitters()
-        # Dr.Jit cannot record loops over a single sample that contain literals, such as zeros of
-        # Mueller matrices and samples of delta lights.
+        # Dr.Jit cannot record a loop over a single sample if the loop contains literals, such as
+        # zeros of Mueller matrices or samples of delta lights.
         is_delta = any(mi.has_flag(e.flags(), delta) for e in lights for delta in _DELTA)
         fewest = 2 if mi.is_polarized or is_delta else 1
         finer_spp = max(fewest, math.ceil(spp / factor**2))
@@ -205,7 +205,8 @@ def _integrator(scene: mi.Scene, integrator: Any) -> tuple[mi.Integrator, mi.Int
 
 def _warn_of_shadows(scene: mi.Scene, integrator: mi.Integrator) -> None:
     """Warn if an integrator loses light that passes the surface of a source."""
-    # Integrators written in Python have the same C++ class name.
+    # All integrators written in Python have the same C++ class name, so the Python class name is
+    # added.
     names = integrator.class_name() + type(integrator).__name__
     if may_shadow(scene) and not any(name in names for name in _TRANSPARENT):
         warnings.warn(
@@ -296,12 +297,8 @@ def render(
     image is the average of several passes.
     """
     exposure = exposed(scene, integrator, spp, seed, sensor)
-    checked_callable(progress, "progress")
-    done, steps = count(1), exposure.cut.steps
-    if progress is None:
-        with slow_bar("render", steps) as advance:
-            return with_delta_lights(exposure, exposure.full_image(advance))
-    return with_delta_lights(exposure, exposure.full_image(lambda: progress(next(done), steps)))
+    with slow_bar("render", exposure.cut.steps, progress) as advance:
+        return with_delta_lights(exposure, exposure.full_image(advance))
 
 
 # Class names of integrators that render radiance.
@@ -377,7 +374,7 @@ def polarised_by_default(
 def illuminated_by(sources: Sequence[Any], active: Any) -> AbstractContextManager[None]:
     """Set the power of all sources except ``active`` to zero within a ``with`` block.
 
-    If ``active`` is None, all ``sources`` have zero power.
+    If ``active`` is None, the power of all ``sources`` is set to zero.
     """
     others = [source for source in sources if source is not active]
     return films.changed([(source, "power", source.adjustable(0.0)) for source in others])

@@ -8,16 +8,17 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from types import NoneType
 from typing import TYPE_CHECKING, Any
 
 import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.errors import ArgumentError, value_text
+from polywigner.errors import ArgumentError
 from polywigner.execution import MOST_THREADS, kernel_threads
 from polywigner.execution.progress import progress_bar
-from polywigner.geometry.arguments import checked_count, checked_path
+from polywigner.geometry.arguments import checked_count, checked_path, checked_type
 from polywigner.mitsuba.plugins.films import Tiling
 from polywigner.mitsuba.plugins.registration import (
     is_key,
@@ -165,11 +166,8 @@ def render_file(
         )
     if threads is not None:
         checked_count(threads, "threads", 1, MOST_THREADS)
-    if not isinstance(parameters, Mapping | None):
-        raise ArgumentError(
-            f"expected parameters to be a mapping from names to values, "
-            f"got {value_text(parameters)}"
-        )
+    expected = "parameters to be a mapping from names to values"
+    checked_type(parameters, expected, Mapping, NoneType)
     chosen = choose_variant(mi.variant() if variant is None else variant)
     file = SceneFile(checked_path(path), chosen, dict(parameters or {}))
     options = {"integrator": integrator, "spp": spp, "seed": seed, "sensor": sensor}

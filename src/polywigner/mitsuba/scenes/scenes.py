@@ -1,7 +1,7 @@
 """Loading of scenes from dictionaries and from checked files.
 
-A scene file may be untrusted. Therefore it may use only known plugin types, and only files in or
-below its folder (docs/safety.md).
+A scene file may be untrusted. Therefore a scene file may use only known plugin types, and only
+files in or below its folder (docs/safety.md).
 """
 
 from __future__ import annotations

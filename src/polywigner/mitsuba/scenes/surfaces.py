@@ -19,8 +19,9 @@ import numpy as np
 
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.execution import Drjit
-from polywigner.geometry.parts import connected
-from polywigner.geometry.silhouettes import Obstacle, Silhouette, is_convex
+from polywigner.geometry.arguments import check_most
+from polywigner.geometry.polyhedron import normals_of
+from polywigner.geometry.silhouettes import Obstacle, Silhouette, connected_parts, is_convex
 from polywigner.numerics import Floats, Indices
 
 
@@ -238,8 +239,8 @@ class ShapeExtents:
 
 # Largest distance between a curved shape and its chords [wavelengths].
 _SAGITTA = 0.01
-# Radius of the largest sphere with this accuracy [wavelengths], and largest number of chords around
-# a circle.
+# Radius of the largest sphere with the accuracy _SAGITTA [wavelengths], and largest number of
+# chords around a circle.
 _LARGEST_SPHERE, _MOST_CHORDS = 170.0, 1024
 # Largest total number of faces; these faces take about 1 GB.
 _MOST_FACES = 1 << 21
@@ -264,11 +265,8 @@ def meshes_in(scene: mi.Scene, wavelength: float) -> Iterator[tuple[Floats, Indi
     for shape in sorted_shapes(scene):
         for points, faces in _triangles(shape, groups, wavelength):
             count += len(faces)
-            if count > _MOST_FACES:
-                raise SceneError(
-                    f"a scene with diffraction may have at most {_MOST_FACES} faces, including "
-                    "instances and spheres, but this scene has more; simplify the meshes"
-                )
+            things = "faces in a scene with diffraction, including instances and spheres"
+            check_most(count, _MOST_FACES, things, "simplify the meshes", SceneError)
             yield points, faces
 
 
@@ -352,46 +350,26 @@ _SHAPES: dict[str, Callable[[float], tuple[Floats, Indices]]] = {
 }
 
 
-def _bodies(points: Floats, faces: Indices) -> list[Obstacle]:
-    """Return the connected parts of a mesh, after merging equal vertices."""
-    points, parts = connected_parts(points, faces)
-    bodies = []
-    for part in parts:
-        used, corners = np.unique(part, return_inverse=True)
-        bodies.append(_body(points[used], corners.reshape(-1, 3)))
-    return bodies
-
-
-def connected_parts(points: Floats, faces: Indices) -> tuple[Floats, list[Indices]]:
-    """Return the distinct vertices of a mesh, and the faces (t, 3) of each connected part.
+def pieces_of_mesh(points: Floats, faces: Indices) -> list[tuple[Floats, Indices]]:
+    """Return the distinct vertices and the faces (t, 3) of each connected part of a mesh.
 
     Faces without an area are omitted.
     """
     # Meshes with normals contain the same vertex several times.
     points, number = np.unique(points, axis=0, return_inverse=True)
     faces = number.reshape(-1)[faces]
-    faces = faces[np.linalg.norm(_normals_of(points, faces), axis=1) > 0.0]
-    a, b, c = faces.T
-    part = connected(len(points), np.append(a, a), np.append(b, c))[a]
-    order = np.argsort(part, kind="stable")
-    ends = np.flatnonzero(np.diff(part[order])) + 1
-    return points, np.split(faces[order], ends) if len(faces) else []
-
-
-def _normals_of(points: Floats, faces: Indices) -> Floats:
-    """Return the normals of triangles, whose lengths are twice the areas, shape (t, 3)."""
-    a, b, c = np.moveaxis(points[faces], 1, 0)
-    return np.cross(b - a, c - a)
+    faces = faces[np.linalg.norm(normals_of(points[faces]), axis=1) > 0.0]
+    return [(vertices, part) for vertices, part, _ in connected_parts(points, faces)]
 
 
 def bodies_of(meshes: Iterable[tuple[Floats, Indices]]) -> list[Obstacle]:
     """Return the connected parts of several meshes as obstacles."""
-    return [body for mesh in meshes for body in _bodies(*mesh)]
+    return [_body(*piece) for mesh in meshes for piece in pieces_of_mesh(*mesh)]
 
 
 def _body(points: Floats, faces: Indices) -> Obstacle:
     """Return a connected mesh as an obstacle, with outward normals if it is closed."""
-    count, normals = len(points), _normals_of(points, faces)
+    count, normals = len(points), normals_of(points[faces])
     directed = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)])
     forth, back = directed @ [count, 1], directed @ [1, count]
     is_solid = len(np.unique(forth)) == len(forth) and np.array_equal(np.sort(forth), np.sort(back))
