@@ -1,9 +1,9 @@
-"""Array factors of arrays with any positions, and of arrays on a lattice.
+"""Array factors of arrays with arbitrary element positions, and of arrays on a lattice.
 
 The array factor of F is the sum of w_k exp(-2 pi i nu.p_k) over elements with weights w_k and
 positions p_k, (L3) of docs/theory.md. For W and A of a lattice, array factors are sums over pairs
 of elements with the same midpoint (L1) or difference (L2). If the weights are a product of two
-profiles, the factor is a product of two sums of N terms, one for each lattice direction:
+profiles, the array factor is a product of two sums of N terms, one sum for each lattice direction:
 
     sum_k c_k exp(-2 pi i t (k - (N - 1)/2)),    0 <= k < N,
 
@@ -33,8 +33,8 @@ Row = tuple[float, ...]
 
 # Number of coefficients that Dr.Jit reads with one load instruction.
 _PACKET = 4
-# Largest number of terms in a temporary array. With intermediate results, such an array takes some
-# tens of megabytes.
+# Largest number of terms in a temporary array. The array and its intermediate results then take
+# some tens of megabytes.
 _BLOCK = 1 << 18
 
 
@@ -47,7 +47,7 @@ def _odd(ops: Any, number: Any) -> Number:
 class ProfileFactor:
     """Array factors along one lattice direction, for the amplitudes of a profile.
 
-    They do not include the constant factor and the phase of the profile.
+    The array factors do not include the constant factor and the phase of the profile.
     """
 
     profile: Profile
@@ -74,7 +74,7 @@ class ProfileFactor:
 
     @cached_property
     def _all(self) -> _Series:
-        """Amplitudes of all elements, as coefficients with a single row."""
+        """Amplitudes of all elements, as coefficients of a sum with a single row."""
         return _series(np.array([self.count]), lambda row, k: self._amplitudes[k])
 
     def _products(self, by_mean: bool) -> _Series:
@@ -82,7 +82,7 @@ class ProfileFactor:
         a, last = self._amplitudes, self.count - 1
 
         def product(number: NDArray[np.intp], k: NDArray[np.intp]) -> Complex:
-            """Return the term ``k`` of the row ``number``."""
+            """Return term ``k`` of row ``number``."""
             site = np.maximum(0, number - last) + k
             other = number - site if by_mean else site - number + last
             return np.asarray(a[site] * a[other].conj())
@@ -92,8 +92,9 @@ class ProfileFactor:
     def at(self, ops: Any, by_mean: bool, number: Any, cycles: Any) -> Pair:
         """Return the sum of a_i a_j* exp(-2 pi i t s) over all pairs with the same ``number``.
 
-        If ``by_mean`` is true, ``number`` is i + j, and s is (i - j)/2. Otherwise, ``number`` is i
-        - j + N - 1, and s is (i + j - N + 1)/2. ``cycles`` is t, a frequency in cycles per period.
+        If ``by_mean`` is true, ``number`` is i + j, and s is (i - j)/2. If it is false, ``number``
+        is i - j + N - 1, and s is (i + j - N + 1)/2. ``cycles`` is t, a frequency in cycles per
+        period.
         """
         last = self.count - 1.0
         pairs = self.count - abs(number - last)
@@ -138,7 +139,7 @@ class _Series:
 
     packets: int
     tables: tuple[DeviceTable | None, ...]
-    """Real and imaginary parts of p, then of q; None for a part that is zero."""
+    """Coefficients Re p, Im p, Re q and Im q. An entry is None if all its coefficients are zero."""
 
     def value(self, ops: Any, row: Any, last: float, pairs: Any, cycles: Any) -> Pair:
         """Return the trigonometric sum of a row at t = ``cycles``, or 0 if the row does not exist.
@@ -146,8 +147,8 @@ class _Series:
         ``last`` is the index of the last row, and ``pairs`` the number of terms of the row.
         """
         exists = (row >= 0.0) & (row <= last)
-        # float32 rounds integers above 2^24, and tables of profiles with more than 8,200 elements
-        # have more than 2^24 rows.
+        # The index of a packet is a product of integers, because float32 rounds integers above
+        # 2^24. Tables for more than 8,200 elements have more than 2^24 packets.
         known = ops.select(exists, row, 0.0)
         start, nil = ops.truncated(known) * self.packets, 0.0 * known + 0.0 * cycles
         is_even = _odd(ops, ops.select(exists, pairs, 1.0)) < 0.5
@@ -164,9 +165,10 @@ class _Series:
     def _sum(
         self, ops: Any, basis: _Basis, table: DeviceTable | None, start: Any, nil: Any, ends: Any
     ) -> Number:
-        """Return the sums of the rows ``start``/packets of a table, by Clenshaw's recurrence.
+        """Return the sums of the rows of a table from packet ``start`` on, by Clenshaw's method.
 
-        ``ends`` contains the factors of the last two states, for a sum of cosines or of sines.
+        ``ends`` contains the factors of the last two states of the recurrence. These factors differ
+        between sums of cosines and sums of sines.
         """
         if table is None:
             return 0.0
@@ -188,11 +190,11 @@ class _Series:
 class _Basis:
     """Clenshaw's recurrence for sums of cosines and sines, in Reinsch's form.
 
-    Near multiples of half a cycle, Clenshaw's original form of a sum of n terms loses n^2 ulps.
+    Near multiples of half a cycle, Clenshaw's original form loses n^2 ulps in a sum of n terms.
     """
 
     def __init__(self, ops: Any, cycles: Any, half: Any) -> None:
-        """Prepare sums at ``cycles`` per term. ``half`` selects the multiples k + 1/2."""
+        """Prepare sums at t = ``cycles``, with multiples k + 1/2 if ``half`` is true, else k."""
         cos_half, sin_half = cos_sin_cycles(ops, 0.5 * cycles)
         cosine = cos_half * cos_half - sin_half * sin_half
         ahead = cosine >= 0.0
@@ -225,7 +227,7 @@ def _series(
         ahead = np.where(exists, product(rows, np.where(exists, up, 0)), 0.0)
         behind = np.where(exists, product(rows, np.where(exists, down, 0)), 0.0)
         p[rows, k], q[rows, k] = ahead + behind, ahead - behind
-        # The central term of a row of odd length is counted twice.
+        # In a row of odd length, the central term is its own mirror image, so it was added twice.
         odd = rows[n % 2 == 1]
         p[odd, 0] /= 2
     tables = (_table_of_part(t, part, packet) for t in (p, q) for part in ("real", "imag"))
@@ -233,7 +235,7 @@ def _series(
 
 
 def _table_of_part(values: Complex, part: str, packet: int) -> DeviceTable | None:
-    """Return the "real" or "imag" ``part`` of coefficients as a table, or None if it is zero.
+    """Return the "real" or "imag" ``part`` of coefficients as a table, or None if all are zero.
 
     Each row of the table contains ``packet`` numbers.
     """
@@ -265,7 +267,7 @@ def pair_factor(
 
 # Largest deviation of element positions from a lattice, relative to the extent D of the lattice. At
 # |nu| D = 1000 the phase error in radians is 6e3 times this fraction. Positions that are rounded
-# multiples of a pitch deviate by less than this.
+# multiples of a pitch deviate by less than this fraction.
 _MISFIT = 2.0**-52
 # Smallest number of elements for which the array factor of a lattice is computed as a product. For
 # fewer elements, a plain sum is as fast and compiles in less time (benchmarks/array_cost.py).
@@ -275,7 +277,8 @@ _LEAST_SITES = 16
 @dataclass(frozen=True)
 class _Tables:
     frame: LinearFrame
-    """Frame whose rows are the basis vectors of the lattice; it has no rows for other arrays."""
+    """Frame whose rows are the basis vectors of the lattice. The frame of other arrays has no
+    rows."""
     rows: tuple[Row, ...] = ()
     """For each element, the position relative to the centre (two floats per coordinate) and the
     weight. Empty for a lattice."""
@@ -285,7 +288,7 @@ class _Tables:
 
     @property
     def terms(self) -> int:
-        """Number of terms for the choice of the engine."""
+        """Number of terms in the sum, on which the choice of the engine depends."""
         return max(1, len(self.rows))
 
 
@@ -300,14 +303,15 @@ def _tables(sites: Sites, double: bool) -> _Tables:
     frame = LinearFrame(tuple(phases.doubled(c, double) for c in centre), lattice.basis, 1.0)
     constant = complex(np.prod([profile.factor for profile in profiles]))
     for profile, count in zip(profiles, lattice.weights.shape, strict=True):
-        # Array factors refer the phases of the weights to the centre of the lattice.
+        # The phases of the weights are relative to the first element. Array factors require phases
+        # relative to the centre of the lattice.
         constant *= complex(np.exp(1j * np.pi * profile.cycles_per_element * (count - 1)))
     cycles = tuple(profile.cycles_per_element for profile in profiles)
     return _Tables(frame, (), tuple(map(profile_factor, profiles)), constant, cycles)
 
 
 def _table_of_sites(sites: Sites, double: bool) -> _Tables:
-    """Return positions relative to their centre, and weights of the elements, for a plain sum."""
+    """Return the weights of the elements, and their positions relative to the array's centre."""
     low = sites.positions.min(axis=0)
     centre = low + np.ptp(sites.positions, axis=0) / 2
     rows = zip((sites.positions - centre).tolist(), sites.weights.tolist(), strict=True)
@@ -335,7 +339,7 @@ def _enter(ops: Any, frame: LinearFrame, *nu: Any) -> Values:
 
 
 def _sum(ops: Any, tables: _Tables, cycles: Any, *inner: Any) -> Values:
-    """Return the real part and the negated imaginary part of the array factor about its centre."""
+    """Return the real part and the negated imaginary part of the array factor about the centre."""
 
     def term(*row: Any) -> Values:
         *coordinates, real, imag = row
@@ -354,5 +358,5 @@ def _sum(ops: Any, tables: _Tables, cycles: Any, *inner: Any) -> Values:
 
 @lru_cache(maxsize=8)
 def array_factor_kernel(dimension: int) -> Kernel:
-    """Return the kernel of sum_k w_k exp(-2 pi i nu.p_k) in 1, 2 or 3 dimensions."""
+    """Return the kernel of the sum of w_k exp(-2 pi i nu.p_k) over k, in 1, 2 or 3 dimensions."""
     return Kernel("array factor", dimension, _tables, _enter, _sum, leave_wave)

@@ -58,10 +58,10 @@ _PARTLY_COHERENT: dict[Kernel, Kernel] = {
 
 MOST_WIDTHS = 1 << 15
 """Largest area of a source, in squared coherence widths, for which W is computed as an average over
-tilts. The average needs four tilts per unit of area."""
-# Largest number of array elements for which W in partially coherent light is computed in closed
-# form, at a cost proportional to the number of element pairs. The second limit applies if an
-# average would need too many tilts.
+tilts. The average needs four tilts per squared coherence width."""
+# Largest numbers of array elements for which W in partially coherent light is computed in closed
+# form, at a cost proportional to the number of element pairs. The larger limit applies if an
+# average over tilts would need too many tilts.
 _FEW_ELEMENTS, _MOST_ELEMENTS = 16, 256
 
 
@@ -85,15 +85,16 @@ def partly_coherent_kernel(source: Wavefront) -> Kernel | None:
 def kernel_for(transform: str, source: Any) -> Kernel:
     """Return the kernel that computes a transform of a source.
 
-    The Fourier transform of an array raises ArgumentError, because it is a sum over the elements.
+    The Fourier transform of an array has no kernel, because it is a sum over the elements.
 
     Raises
     ------
     ArgumentError
-        For unsupported objects, and for phase-space functions of polyhedra (six dimensions) and of
-        placed apertures, whose plane differs from the plane of x.
+        If the source is not supported. Phase-space functions of a polyhedron are not supported
+        because they have six arguments, and phase-space functions of a placed aperture because its
+        plane differs from the plane of x.
     GeometryError
-        For phase-space functions of arrays outside the plane z = 0.
+        If the transform is a phase-space function and the array does not lie in the plane z = 0.
     """
     if isinstance(source, Wavefront):
         kernel = partly_coherent_kernel(source) if transform == "wigner" else None
@@ -106,7 +107,7 @@ def kernel_for(transform: str, source: Any) -> Kernel:
     if isinstance(source, Sites) and transform == "array factor":
         return array_factor_kernel(source.dimension)
     if isinstance(source, Array) and source.dimension == 3:
-        # The property raises GeometryError if the elements lie in different planes.
+        # Reading this property raises GeometryError if the elements lie in different planes.
         _ = source.elements_in_plane
     for kind, holds in _SPECIAL.items():
         if (transform, kind) in _KERNELS and holds(source):

@@ -40,7 +40,8 @@ def element_tables(aperture: Aperture, double: bool) -> ElementTables:
 def element_wigner(ops: Any, tables: ElementTables, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Number:
     """Return the Wigner function W(x, nu) of an element, for arguments in its frame.
 
-    The frequency is relative to the carrier, and the result does not include ``frame.measure``.
+    The frequency is relative to the carrier. The result does not include the factor
+    ``frame.measure``.
     """
     if isinstance(tables, SeparableTables):
         return separable.wigner(ops, tables, x, y, nu_x, nu_y)
@@ -50,8 +51,8 @@ def element_wigner(ops: Any, tables: ElementTables, x: Any, y: Any, nu_x: Any, n
 def element_ambiguity(ops: Any, tables: ElementTables, *arguments: Any) -> Pair:
     """Return the ambiguity function A(upsilon, xi) of an element, for arguments in its frame.
 
-    ``arguments`` are the components of upsilon and of xi. The complex result does not include
-    ``frame.measure``, nor the phases of the centre and the carrier.
+    ``arguments`` are the components of upsilon and of xi. The complex result does not include the
+    factor ``frame.measure`` or the phases of the centre and the carrier.
     """
     if isinstance(tables, SeparableTables):
         cosine, sine = separable.ambiguity(ops, tables, *arguments)
@@ -82,7 +83,8 @@ class RepeatedTables(Generic[Element, Sites]):
     element: Element
     sites: Sites
     terms: int = 1
-    """Number of copies that are summed at each sample, for the choice of the engine."""
+    """Number of copies that are summed at each sample. The choice of the engine depends on this
+    number."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +95,7 @@ class DeviceTable:
     copies: dict[Hashable, Any] = field(default_factory=dict)
 
     def in_memory(self, ops: Any) -> Any:
-        """Return the table in the memory of an engine, which is copied by the first call."""
+        """Return the table in the memory of an engine. The first call copies the table."""
         if ops.key not in self.copies:
             self.copies[ops.key] = ops.on_device(self.values)
         return self.copies[ops.key]
@@ -102,7 +104,8 @@ class DeviceTable:
 # Smallest number of elements for which W and A are computed as sums over pairs. An array with fewer
 # elements is faster to compute as a single source (benchmarks/array_cost.py).
 _LEAST_ELEMENTS = 6
-# Bound on the rounding error of a position in 24 bits, relative to its distance from the centre.
+# Upper bound on the rounding error of a float32 position, relative to its distance from the centre
+# of the array.
 _MARGIN = 2.0**-21
 # Largest number of cells, and largest number of cells per pair. More cells would not shorten the
 # lists of pairs.
@@ -121,11 +124,11 @@ def is_scattered(array: Array) -> bool:
 def _tables(array: Array, double: bool, view: View | None) -> PairTables:
     """Return the records of all pairs of elements.
 
-    ``view`` is ``MIRRORED`` for W, ``BEHIND`` for A, and None for R, for which each element forms a
-    pair only with itself. A record contains the midpoint and the difference of both positions (for
-    A, the difference first), the product of one weight and the conjugate of the other, and half of
-    the width and height of the box in which the pair contributes. Each coordinate is the sum of two
-    floats.
+    ``view`` is ``MIRRORED`` for W, ``BEHIND`` for A, and None for R. For R, each element forms a
+    pair only with itself. A record contains the midpoint and the difference of the two positions
+    (for A, the difference first), the product of one weight and the conjugate of the other weight,
+    and the half-width and half-height of the box in which the pair contributes. Each coordinate is
+    the sum of two floats.
     """
     copies = normal_form(array).copies
     assert copies is not None
@@ -134,7 +137,8 @@ def _tables(array: Array, double: bool, view: View | None) -> PairTables:
     shift = low + np.ptp(positions, axis=0) / 2
     x, y = (shift + local.centre).tolist()
     frame = replace(local, centre=(x, y))
-    # Stored fields do not contain the carrier, whose phase depends on the caller's position or lag.
+    # Stored fields omit the carrier, a plane wave across the complete array. Therefore the phase of
+    # this wave at each element is removed from the weight.
     cycles = positions @ np.array(local.carrier)
     weights = copies.weights * np.exp(-2j * np.pi * (cycles - np.rint(cycles)))
     high, low = (
@@ -156,8 +160,8 @@ def _tables(array: Array, double: bool, view: View | None) -> PairTables:
         total, lost = phases.difference(high[first], high[second])
         apart = total, lost + (low[first] - low[second])
         centre, across = (mean, apart) if view is MIRRORED else (apart, mean)
-        # Copies of an element overlap if the distance between them is below the sum of their
-        # half-widths.
+        # A pair contributes to W within one half-width of the element from the midpoint, and to A
+        # within two half-widths from the difference.
         scale = 1.0 if view is MIRRORED else 2.0
     reach = np.broadcast_to(scale * np.array(local.reach) * (1 + _MARGIN), centre[0].shape)
     columns = (*_columns(centre, double), *_columns(across, double), weights.real, weights.imag)
@@ -180,14 +184,14 @@ class PairLists:
 
     A pair contributes to the samples inside a box, and belongs to the cell that contains the lower
     corner of the box. Boxes are no larger than cells, so the pairs of a sample belong to four
-    adjacent cells. Their records form two contiguous ranges of the table.
+    adjacent cells. The records in these cells form two contiguous ranges of the table.
     """
 
     low: tuple[float, float]
     scale: tuple[float, float]
     counts: tuple[int, int]
-    """Number of cells with samples along each axis. The table has an additional row and column of
-    cells."""
+    """Number of cells with samples along each axis. The table has one additional row and one
+    additional column of cells."""
     starts: DeviceTable
     """Index of the first record of each cell, row by row. Shape (number of cells + 1, 1)."""
     records: DeviceTable
@@ -208,7 +212,7 @@ class PairLists:
 def _listed(centres: Floats, reach: Floats, records: Floats) -> PairLists:
     """Return the records of pairs of elements, sorted by the cells of a grid.
 
-    A pair contributes within ``reach``, shape (n, 2), of its centre along both axes.
+    A pair contributes at points up to ``reach`` (n, 2) away from its centre along each axis.
     """
     farthest = reach.max(axis=0)
     farthest += _MARGIN * (np.abs(centres).max(axis=0) + farthest)
@@ -245,32 +249,35 @@ def _difference(ops: Any, value: Any, constant: float) -> phases.Doubled:
 
 
 def _position(ops: Any, frame: Frame, *point: Any) -> Values:
-    """Return a position in the frame, each coordinate as the sum of two floats."""
+    """Return the coordinates of a position in the frame, each as the sum of two floats."""
     less = (_difference(ops, c, m) for c, m in zip(point, frame.centre, strict=True))
     total, low = (frame.vector(ops, *part) for part in zip(*less, strict=True))
     return _split(ops, *zip(total, low, strict=True))
 
 
 def _frequency(ops: Any, frame: Frame, carrier: Sequence[float], *nu: Any) -> Values:
-    """Return a frequency minus the carrier in the frame, each component as two floats."""
+    """Return the components of a frequency minus the carrier in the frame, as two floats each."""
     less = tuple(_difference(ops, f, c) for f, c in zip(nu, carrier, strict=True))
     return _split(ops, *(phases.dot(ops, less, row) for row in frame.rows))
 
 
 def _split(ops: Any, *numbers: phases.Doubled) -> Values:
-    """Return each number as the sum of two floats, of which the first is exact in float32."""
+    """Return each number as the sum of two floats. The first float is exact in float32."""
     return tuple(half for number in numbers for half in phases.split(ops, number))
 
 
 def _enter_wigner(ops: Any, frame: Frame, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Values:
-    """Return a position, and a frequency minus the carrier, in the frame, as two floats each."""
+    """Return the position, and the frequency minus the carrier, in the frame.
+
+    Each coordinate is the sum of two floats.
+    """
     return (*_position(ops, frame, x, y), *_frequency(ops, frame, frame.carrier, nu_x, nu_y))
 
 
 def _enter_ambiguity(
     ops: Any, frame: Frame, upsilon_x: Any, upsilon_y: Any, xi_x: Any, xi_y: Any
 ) -> Values:
-    """Return the phase of centre and carrier in cycles, and xi and upsilon in the frame.
+    """Return the phase of the centre and the carrier in cycles, and xi and upsilon in the frame.
 
     A has the factor exp(-2 pi i phase). Each component of xi and upsilon is the sum of two floats.
     """
@@ -281,7 +288,7 @@ def _enter_ambiguity(
 
 
 def _enter_both_ends(ops: Any, frame: Frame, x: Any, y: Any, xi_x: Any, xi_y: Any) -> Values:
-    """Return minus the carrier phase in cycles, and x + xi/2 and x - xi/2 in the frame.
+    """Return the negated carrier phase in cycles, and x + xi/2 and x - xi/2 in the frame.
 
     Each coordinate is the sum of two floats.
     """
@@ -327,7 +334,7 @@ def _sum(
     ops: Any, tables: PairTables, values: int, samples: Values,
     of_pair: Callable[..., Pair] = _of_pair,
 ) -> list[Any]:  # fmt: skip
-    """Return the sums of the ``values`` results of ``of_pair`` over all pairs of elements."""
+    """Return the sum of each of the ``values`` results of ``of_pair`` over all pairs."""
     view, lists = tables.sites
     records = lists.records.in_memory(ops)
 
@@ -350,7 +357,7 @@ def _sum(
 
 
 def _wigner_sum(ops: Any, tables: PairTables, *samples: Any) -> Values:
-    """Return W as a sum over pairs of elements, without ``frame.measure``."""
+    """Return W as a sum over pairs of elements, without the factor ``frame.measure``."""
     return tuple(_sum(ops, tables, 1, samples))
 
 

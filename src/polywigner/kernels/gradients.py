@@ -40,7 +40,7 @@ class Accumulator(Protocol):
     def edge(self, begin: Any, end: Any, normal: tuple[Any, Any], at: tuple[Pair, Pair]) -> Pair:
         """Return the change of the transform if the vertices ``begin`` and ``end`` of an edge move.
 
-        ``normal`` is the outward normal with the edge's length, and ``at`` contains the derivatives
+        ``normal`` is the outward normal, as long as the edge, and ``at`` contains the derivatives
         with respect to the scalar product of ``normal`` and the displacement of each vertex.
         """
         ...
@@ -60,7 +60,8 @@ class Gradients:
     frequency: list[Pair]
     position: list[Pair]
     shared: Pair
-    """Change of the value due to vertices and weights, summed over all edges and elements."""
+    """Change of the value due to changes of vertices and weights, summed over all edges and
+    elements."""
 
 
 class Axes:
@@ -101,7 +102,7 @@ class Axes:
         """Return the derivative -2 pi i M in the frame for the first moment M in these axes.
 
         ``along`` and ``twice_across`` are the sums for M10 and 2 M01 of :meth:`segment`, and the
-        results the derivatives along x and y.
+        results are the derivatives along x and y.
         """
         (c, s), across = self.along, twice_across.scaled(0.5)
         x = (along.scaled(c) - across.scaled(s)).scaled(-2 * math.pi)
@@ -119,8 +120,8 @@ def _segment_moments(ops: Any, half: Any) -> tuple[Any, Any, Any]:
     """Return the moments of order 0, 1 and 2 of a plane wave along a segment.
 
     The moment of order n is the integral of t^n exp(-4 pi i half t) over t from -1/2 to 1/2: j_0,
-    -i j_1/2 and (j_0 - 2 j_2)/12, with spherical Bessel functions j_n of 2 pi half. The second
-    result is an imaginary part.
+    -i j_1/2 and (j_0 - 2 j_2)/12, with spherical Bessel functions j_n of 2 pi half. The moment of
+    order 1 is imaginary, so the second result is its imaginary part.
     """
     j0, j1, j2 = _bessel(ops, half)
     return j0, -0.5 * j1, ops.fma(j2, -1 / 6, j0 * (1 / 12))
@@ -133,7 +134,7 @@ def _bessel(ops: Any, half: Any) -> tuple[Any, Any, Any]:
     inverse = 1.0 / ops.select(small, 1.0, x)
     cosine, sine, ratio = cos_sin_over_cycles(ops, half)
     j0 = ops.select(small, ratio * (0.5 / math.pi), sine * inverse)
-    # The unused series must not overflow for large x.
+    # The series is evaluated for all x, and must not overflow for large x, where it is not used.
     square = ops.select(small, x * x, 0.0)
     coefficients = [1 / 15]
     for k in range(1, (_DOUBLE if ops.double else _SINGLE) + 1):
@@ -223,7 +224,7 @@ def _weights(ops: Any, tables: Tables) -> list[Pair]:
 
 
 class _WavePairGradients:
-    """Derivatives of W or A for a pair of plane waves, also with respect to weights."""
+    """Derivatives of W or A for a pair of plane waves, including those with respect to weights."""
 
     values = 12
 
@@ -265,7 +266,8 @@ class _WavePairGradients:
                 ops.fma(clipper.ty, side, scale * edge.ay),
             )
             for ends_sum, extent, real, imag in cuts[view]:
-                # Powers of the position of an edge part of length zero may overflow.
+                # The position of an edge part of length zero may be so large that its powers
+                # overflow.
                 ends_sum = ops.select(extent == 0.0, 1.0, ends_sum)
                 half, length = (0.5 * long) * ends_sum, long * extent
                 e0, e1, *moments = self.axes.segment(
@@ -326,7 +328,7 @@ class GradientKernel:
 
     gradients: Callable[..., Gradients]
     """Function (ops, tables, accumulator, *arguments) that returns `Gradients`. The arguments are
-    the components of ``points`` in the frame, two for each."""
+    the components of all ``points`` in the frame, two components for each point."""
     parts: Callable[[Pair], tuple[Any, ...]]
     """Function that converts a complex value to the values that the kernel's sum over edges
     returns."""
@@ -346,7 +348,7 @@ class GradientKernel:
 
 
 def _real(value: Pair) -> tuple[Any, ...]:
-    """Return the real part as a tuple, as edge sums of real transforms do."""
+    """Return the real part as a tuple of one number, like the edge sums of real transforms."""
     return (value.real,)
 
 

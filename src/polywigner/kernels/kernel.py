@@ -29,8 +29,8 @@ class Kernel:
     enter: Callable[..., Values]
     """Function (ops, frame, *arguments) that converts the arguments to the frame of the source."""
     edge_sum: Callable[..., Values]
-    """Function (ops, tables, *arguments in the frame) that returns the sums over edges. It is a
-    `SliceSum` for W and A."""
+    """Function (ops, tables, *arguments in the frame) that returns the sums over edges. The
+    function is a `SliceSum` for W and A."""
     leave: Callable[..., Values]
     """Function (ops, frame, arguments in the frame, sums) that returns results in user units."""
     grid_tables: Callable[[Any], Any] | None = None
@@ -72,7 +72,8 @@ def leave_wave(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
     """Return the real and imaginary part of a transform in the user's units.
 
     ``sums`` are the real part and minus the imaginary part, as from :func:`wave_sums`. The result
-    contains exp(-2 pi i phase) for the phase in cycles that is the first argument in the frame.
+    includes the factor exp(-2 pi i phase), where the phase in cycles is the first number in
+    ``inner``.
     """
     real, imag = phases.rotated(ops, inner[0], *sums)
     return real * frame.measure, imag * frame.measure

@@ -36,8 +36,8 @@ from polywigner.source.normal_form import SourceElement, normal_form
 # Smallest number of elements for which W and A of a lattice use array factors. An array with fewer
 # elements is computed as a single source (benchmarks/array_cost.py).
 _LEAST_ELEMENTS = 4
-# Distance from the ends of an interval, in node spacings, within which a node contributes less than
-# rounding errors.
+# Distance [node spacings] from an end of an interval within which the contribution of a node is
+# smaller than rounding errors.
 _EDGE = 4e-15
 
 Pair2 = tuple[float, ...]
@@ -45,7 +45,7 @@ Pair2 = tuple[float, ...]
 
 @dataclass(frozen=True)
 class _Nodes:
-    """Midpoints, or differences, of the positions of two elements of a lattice."""
+    """Midpoints or differences of the positions of all pairs of elements of a lattice."""
 
     scale: float
     """Spacing in lattice steps: 1 for differences, 1/2 for midpoints."""
@@ -56,9 +56,9 @@ class _Nodes:
     def nearest(self, ops: Any, frame: _ArrayFrame, x: Any, y: Any) -> Values:
         """Return the indices of the first midpoint or difference that contributes.
 
-        The unit of the indices is ``scale`` lattice steps. (x, y) is relative to the first element
-        for midpoints, and a lag for differences. The other results are (x, y) minus this midpoint
-        or difference, in the element's frame.
+        The unit of the indices is ``scale`` lattice steps. For midpoints, (x, y) is a position
+        relative to the first element. For differences, (x, y) is a lag. The other results are (x,
+        y) minus the first midpoint or difference, in the element's frame.
         """
         i, j = (
             0.0 * x + float(start)
@@ -116,7 +116,7 @@ class _ArrayFrame:
 
     @property
     def relative_cycles(self) -> Pair2:
-        """Phase steps of the weights minus those of the carrier, per basis vector, in cycles."""
+        """Phase step of the weights minus phase step of the carrier, per basis vector [cycles]."""
         return tuple(
             cycles_per_site - float(np.dot(self.carrier, b))
             for cycles_per_site, b in zip(self.cycles, self.basis, strict=True)
@@ -129,7 +129,8 @@ def _array_frame(
     """Return the coordinates of an array from its lattice, its element and the element's frame."""
     basis, centre = np.array(lattice.basis), np.array(frame.centre)
     inverse = np.linalg.inv(basis.T)
-    # W of an element vanishes outside its hull, and A vanishes at lags beyond its size.
+    # The extent of the element limits the nodes that contribute, because W vanishes outside the
+    # hull of the element and A vanishes at lags beyond its size.
     outline = (np.concatenate(element.rings) - centre) @ inverse.T
     low, high = outline.min(axis=0), outline.max(axis=0)
     origin, count = np.array(lattice.origin) + centre, np.array(lattice.weights.shape) - 1
@@ -193,8 +194,9 @@ def _site_cycles(ops: Any, frame: _ArrayFrame, *nu: Any) -> list[Any]:
 def _enter_wigner(ops: Any, frame: _ArrayFrame, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Values:
     """Return (midpoint in half lattice steps, x - midpoint, phases in cycles, nu - carrier).
 
-    Each has two components. The phases are nu.b minus the phase difference of adjacent weights, for
-    both basis vectors b. The position and the frequency are in the frame of the element.
+    Each of the four results has two components. The phases are nu.b minus the phase difference of
+    adjacent weights, for both basis vectors b. The position and the frequency are in the frame of
+    the element.
     """
     nearest = frame.means.nearest(ops, frame, x - frame.origin[0], y - frame.origin[1])
     cycles = _site_cycles(ops, frame, nu_x, nu_y)
@@ -222,9 +224,9 @@ def _enter_ambiguity(
 ) -> Values:
     """Return (centre phase, difference in lattice steps, xi - difference, upsilon.b, upsilon).
 
-    All but the first have two components. Phases are in cycles, upsilon.b is modulo 2, and A has
-    the factor exp(-2 pi i centre phase). The lag and the frequency shift are in the frame of the
-    element.
+    All results but the first have two components. The phases are in cycles, and upsilon.b is
+    reduced modulo 2. A has the factor exp(-2 pi i centre phase). The lag and the frequency shift
+    are in the frame of the element.
     """
     cycles = phases.cycles_to_centre(ops, frame.centre, upsilon_x, upsilon_y)
     cycles = phases.less_carrier(ops, frame, cycles, xi_x, xi_y)

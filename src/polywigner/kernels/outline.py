@@ -61,8 +61,8 @@ class Frame:
 
     def position(self, ops: Any, *x: Any) -> tuple[Any, ...]:
         """Return the coordinates of a point of the aperture plane in the frame."""
-        # For a long, narrow outline the products cancel almost completely, so the rounding errors
-        # of the differences matter.
+        # For a long, narrow outline, the products in ``vector`` cancel almost completely, so
+        # rounding errors of the differences matter.
         subtract: Any = sub if self.is_diagonal else phases.difference
         return self.vector(ops, *map(subtract, x, self.centre))
 
@@ -178,7 +178,7 @@ def _diagonal(matrix: Matrix) -> tuple[Any, ...] | None:
 
 
 def frame_of(points: Floats) -> Frame:
-    """Return the frame of at least three points that are not collinear, shape (n, 2)."""
+    """Return the frame of three or more points, shape (n, 2), that are not collinear."""
     low, high = points.min(axis=0), points.max(axis=0)
     centre = low + (high - low) / 2
     corners = shapely.get_coordinates(shapely.oriented_envelope(shapely.MultiPoint(points)))
@@ -201,8 +201,8 @@ def frame_along(
 ) -> Frame:
     """Return the frame with the specified direction of its first axis.
 
-    ``points`` (n, 2) define its ``reach``. ``sizes`` are the units of length along the two axes,
-    which must be powers of two.
+    The ``reach`` of the frame is computed from ``points`` (n, 2). ``sizes`` are the units of length
+    along the two axes, which must be powers of two.
     """
     (c, s), (length, width) = direction, sizes
     norm = c * c + s * s
@@ -218,7 +218,7 @@ def power_of_two(size: float) -> float:
     return math.ldexp(1.0, math.frexp(size)[1])
 
 
-# Cost of each plane wave after the first wave, in units of the cost of an edge pair.
+# Cost of each additional plane wave, in units of the cost of an edge pair.
 _EDGES_PER_WAVE = 24
 # Largest number of edges that are constants in compiled code. Such code is two to four times as
 # fast as code that reads edges from memory, but takes 1 ms to compile for each edge pair and wave
@@ -233,9 +233,9 @@ class Tables:
 
     frame: Frame
     edges: Floats
-    """For each edge: start, end, and complex weight of its element. Shape (n, 6)."""
+    """Start and end of each edge, and complex weight of its element. Shape (n, 6)."""
     names: npt.NDArray[np.intp]
-    """For each edge: indices of the start vertex, the end vertex, the element and the group. Shape
+    """Indices of the start vertex, the end vertex, the element and the group of each edge. Shape
     (n, 4)."""
     apertures: tuple[Aperture, ...]
     weights: tuple[Any, ...]
@@ -300,7 +300,7 @@ class Tables:
         )
 
     def mutual(self, real: Any, imag: Any, level: Any, level_imag: Any) -> tuple[Any, Any]:
-        """Return real + i imag times the conjugate of level + i level_imag, for two weights."""
+        """Return the product of real + i imag and the conjugate of level + i level_imag."""
         if self.uniform:
             return level, 0.0
         if not self.phased:

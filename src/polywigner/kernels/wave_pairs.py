@@ -43,7 +43,8 @@ UNIFORM: Waves = (Wave(1.0, (0.0, 0.0)),)
 def carrier_of(illuminations: Iterable[Any], dimension: int) -> Vector:
     """Return the carrier frequency of a source: the centre of the frequencies of its waves.
 
-    The centre is the midpoint of their range along each axis. None specifies uniform illumination.
+    The centre is the midpoint of the range of the frequencies along each axis. None specifies
+    uniform illumination.
     """
     still = np.zeros((1, dimension))
     frequencies = np.concatenate([still if i is None else i.frequencies for i in illuminations])
@@ -82,7 +83,7 @@ class WavePair:
     shift: Vector
     """Frequency to be subtracted from the frequency argument of W or A."""
     terms: tuple[tuple[Any, Vector], ...]
-    """For each pair: the amplitude, and the frequency of its oscillation over positions or lags."""
+    """Amplitude of each pair, and the frequency with which it oscillates over positions or lags."""
     is_real: bool
     """Whether the terms include their complex conjugates, so that the sum is real."""
 
@@ -131,7 +132,7 @@ def pair_of_row(is_real: bool, real: Any, imag: Any, *vectors: Any) -> WavePair:
 
 
 def _is_zero(number: Any) -> bool:
-    """Return whether a number is the constant 0.0. Arrays are not constant."""
+    """Return whether a number is the constant 0.0. The result is False for arrays."""
     # The values of arrays are not available while a function is traced.
     return isinstance(number, float) and number == 0.0
 

@@ -49,7 +49,8 @@ Obstacle = Polyhedron | PlacedAperture
 
 _OPS = execution.NumpyOperations()
 
-# Rounding error of a Fourier transform, relative to the upper bound `Radiator.content`.
+# Rounding error of a Fourier transform, relative to the upper bound `Radiator.content` on its
+# modulus.
 _FOURIER_ERROR = 1e-13
 
 
@@ -84,10 +85,11 @@ def amplitude(
     """Compute the complex field U(x, y, z) of a source in the plane z = 0.
 
     The Rayleigh-Sommerfeld and Kirchhoff integrals over the source are reduced to integrals along
-    its edges without approximation, evanescent waves included (docs/theory.md, (B1) to (B5)). They
-    are as accurate at z = 1e-6 wavelengths as in the far field. Like Fresnel's integral (B6), they
-    are smooth across the boundary of the geometric shadow. Fraunhofer's field (B7) follows from
-    the Fourier transform of the source. The phase convention is exp(+ikR)/R for a spherical wave.
+    its edges without approximation, evanescent waves included (docs/theory.md, (B1) to (B5)). The
+    results are as accurate at z = 1e-6 wavelengths as in the far field. Like Fresnel's integral
+    (B6), these fields are smooth across the boundary of the geometric shadow. Fraunhofer's field
+    (B7) follows from the Fourier transform of the source. The phase convention is exp(+ikR)/R for a
+    spherical wave.
 
     Parameters
     ----------
@@ -117,33 +119,36 @@ def amplitude(
         cannot be combined with ``through``, "fresnel" and "fraunhofer".
     edge : {"black", "soft", "hard"}, default "black"
         Boundary condition on the obstacles: "soft" for u = 0, "hard" for a normal derivative of
-        zero. Soft and hard obstacles are plates in one plane, and reflect (docs/shadows.md, (SB9)).
+        zero. Soft and hard obstacles must be plates in one plane. Such plates also reflect the wave
+        (docs/shadows.md, (SB9)).
     obliquity : str, optional
         Boundary condition of the far field for "fraunhofer" only: "rayleigh-sommerfeld-1"
         (default), "kirchhoff" or "rayleigh-sommerfeld-2".
     aberration : Aberration, optional
         Path length in m on the source, for "fresnel" and "fraunhofer" (docs/imaging.md, (IM3)).
     tolerance : float, optional
-        Allowed error, by default 1e-9, at least 1e-13. It is a fraction of the incident amplitude,
-        or of the field with all parts of the source in phase if this field is smaller. This
-        in-phase field is |u| area/(wavelength distance), or, within a wavelength of the source, the
-        static field |u| area/(2 pi distance^2). With obstacles the tolerance is a fraction of the
-        largest field at three or more wavelengths from the source; the default is 1e-6, and the
-        smallest value is 1e-8. The tolerance is not used by "fraunhofer" without an aberration.
+        Allowed error, by default 1e-9, at least 1e-13. The tolerance is a fraction of the incident
+        amplitude, or of the field with all parts of the source in phase if this field is smaller.
+        This in-phase field is |u| area/(wavelength distance), or, within a wavelength of the
+        source, the static field |u| area/(2 pi distance^2). With obstacles the tolerance is a
+        fraction of the largest field at three or more wavelengths from the source; the default is
+        1e-6, and the smallest value is 1e-8. The tolerance is not used by "fraunhofer" without an
+        aberration.
     engine : {"auto", "numpy", "llvm", "cuda"}
         See :func:`fourier`.
 
     Returns
     -------
     ndarray of complex128, shape (...)
-        Field in the unit of the source's field. An ``xarray.DataArray`` of points gives a
-        DataArray.
+        Field in the unit of the source's field. If ``points`` is an ``xarray.DataArray``, the
+        result is a DataArray.
 
     Raises
     ------
     ArgumentError
-        For arguments of the wrong type, shape or range, Dr.Jit arrays, points behind the source,
-        systems that require too many nodes, and edges with a total length above 2e8 wavelengths.
+        If an argument has the wrong type, shape or range or is a Dr.Jit array, if a point lies
+        behind the source, if a system requires too many nodes, or if the total length of the edges
+        exceeds 2e8 wavelengths.
     GeometryError
         If elements of an Array do not lie in the plane z = 0.
     EngineError
@@ -191,9 +196,9 @@ def amplitude_with_error(
     field : ndarray of complex128, shape (...)
         See :func:`amplitude`.
     error : ndarray of float64, shape (...)
-        Estimated error of each value, in the unit of the field. It covers the sum over nodes, not
-        the approximation of "fresnel" or "fraunhofer". Behind obstacles the estimate may double the
-        computing time.
+        Estimated error of each value, in the unit of the field. The estimate covers the sum over
+        quadrature nodes, but not the approximation of "fresnel" or "fraunhofer". Behind obstacles
+        the estimate may double the computing time.
 
     Raises
     ------
@@ -275,9 +280,9 @@ def _check_options(source: object, method: object, through: object, obliquity: o
     """Raise ArgumentError for options that obstacles and point sources do not allow."""
     if through is not None or obliquity is not None or method not in CONDITIONS:
         raise ArgumentError(
-            "the field of a PointSource, or behind obstacles, requires one of the methods "
-            f"{', '.join(CONDITIONS)} without through= and obliquity=, got method={method!r}; "
-            "omit the other options"
+            "the field of a PointSource or behind obstacles requires one of the methods "
+            f"{', '.join(CONDITIONS)}, got method={method!r}; omit through= and obliquity=, which "
+            "do not apply"
         )
     if isinstance(source, Screen):
         raise ArgumentError(
@@ -294,8 +299,8 @@ def _check_aberrated(
     if not is_valid or obliquity is not None or method not in ("fresnel", "fraunhofer"):
         raise ArgumentError(
             'an aberration requires an Aperture, Array or Wavefront and method="fresnel" or '
-            f'"fraunhofer", without through=, obstacles= and obliquity=; got method={method!r}. '
-            "Omit the other options, or use polywigner.psf for a lens"
+            f'"fraunhofer", got method={method!r}; also omit through=, obstacles= and obliquity=, '
+            "or use polywigner.psf for a lens"
         )
 
 
@@ -325,7 +330,8 @@ def _aberrated_field(
 def _seen_from(centre: Floats, points: Floats, wavelength: float) -> tuple[Floats, Floats, Complex]:
     """Return unit directions (n, 3), distances [wavelengths] and phase factors exp(ikR) of points.
 
-    ``centre``: position (2,) in the plane z = 0 from which the points (n, 3) are seen, in m.
+    The distances and directions of the points (n, 3) are relative to the position ``centre`` (2,)
+    in the plane z = 0, in m.
     """
     x, y = centre.tolist()
     ahead = point_in_wavelengths(_OPS, (x, y), wavelength, *points.T)
@@ -353,7 +359,7 @@ def _free_field(
     if obliquity is not None:
         raise ArgumentError(
             f'obliquity={obliquity!r} requires method="fraunhofer", got method={method!r}; omit '
-            "the obliquity, since the other methods have a fixed one"
+            "the obliquity, since the other methods have a fixed obliquity"
         )
     if isinstance(source, Screen):
         return field_of_screen(source, points, wavelength, method, allowed, engine)
@@ -387,7 +393,7 @@ def _fraunhofer(
 ) -> tuple[Complex, Floats]:
     """Return the Fraunhofer field (B7) at points (n, 3), and a bound on its rounding error.
 
-    ``obliquity``: None for the default boundary condition.
+    An ``obliquity`` of None selects the default boundary condition.
     """
     kind = checked_choice(DEFAULT if obliquity is None else obliquity, "obliquity", CONDITIONS)
     flat = flat_source(source)

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     import xarray
 
 
-# Complex numbers per block (64 MiB).
+# Number of complex numbers per block, which take 64 MiB.
 _BLOCK = 2**22
 # Upper limit of each error, and the description of its range in error messages.
 _ERRORS = {
@@ -40,7 +40,7 @@ _ERRORS = {
     "position": (math.inf, "an rms error of zero or more, in m"),
     "dead": (math.nextafter(1.0, 0.0), "a fraction from 0 to below 1"),
 }
-# Decibels per neper.
+# Number of decibels per neper.
 _NEPER = 20 / math.log(10)
 
 
@@ -105,8 +105,8 @@ def array_tolerance(
     Raises
     ------
     ArgumentError
-        If ``array`` is not an Array, if an error is out of range, if all errors are zero, and as
-        :func:`radiation_pattern` raises it.
+        If ``array`` is not an Array, if an error is out of range, or if all errors are zero. See
+        also :func:`radiation_pattern`.
 
     Notes
     -----
@@ -174,7 +174,7 @@ def _mean_and_variance(errors: dict[str, float], wavelength: float) -> tuple[flo
     phase = errors["phase"] ** 2 + (2 * math.pi * errors["position"] / wavelength) ** 2
     alive = 1 - errors["dead"]
     square = alive**2 * math.exp(spread - phase)
-    # Avoids cancellation in exp(2 spread) - alive exp(spread - phase).
+    # This form avoids cancellation in exp(2 spread) - alive exp(spread - phase).
     variance = math.exp(2 * spread) * (errors["dead"] - alive * math.expm1(-spread - phase))
     return square, alive * variance
 
@@ -184,8 +184,8 @@ def _draw(
 ) -> tuple[Complex, Floats | None]:
     """Draw random factors of an array's weights, and shifts of its elements in m.
 
-    ``shape``: numbers of elements and samples. Shifts (elements, samples, 3) are None without
-    errors of the position.
+    ``shape`` contains the numbers of elements and samples. The shifts have the shape (elements,
+    samples, 3), or are None if the positions have no errors.
     """
     logarithms = errors["amplitude"] / _NEPER * random.standard_normal(shape)
     phases = errors["phase"] * random.standard_normal(shape)
@@ -207,7 +207,7 @@ def _statistics(
 ) -> dict[str, Floats]:
     """Return |E|^2 in directions (n, 3): nominal, expected, and mean and quantiles of samples.
 
-    Each of the five arrays (n,) is in W/sr. ``factors`` and ``shifts``: see `_draw`.
+    Each of the five arrays (n,) is in W/sr. See `_draw` for ``factors`` and ``shifts``.
     """
     square, variance = _mean_and_variance(errors, wavelength)
     weighted = source.weights[:, None] * factors
@@ -277,13 +277,13 @@ def two_way_pattern(
     Returns
     -------
     xarray.Dataset
-        Over theta and phi: the directivities ``transmit`` and ``receive`` in dBi, their sum
-        ``two_way`` in dB, and the complex product ``field`` of the two far fields.
+        Directivities ``transmit`` and ``receive`` in dBi, their sum ``two_way`` in dB, and the
+        complex product ``field`` of the two far fields, over theta and phi.
 
     Raises
     ------
     PolywignerError
-        As :func:`radiation_pattern`.
+        See :func:`radiation_pattern`.
 
     Examples
     --------

@@ -24,25 +24,27 @@ if TYPE_CHECKING:
     import xarray
 
 
-# Half-power level below the peak [dB].
+# Level difference [dB] between the peak and half of its power.
 _HALF = 10 * math.log10(2.0)
 # Finite stand-in for minus infinity [dBi].
 _DARK = -400.0
 # Largest level difference [dB] between samples for which a parabola is fitted. The fit is
 # inaccurate near nulls.
 _STEEP = 10.0
-# A cut whose peak is more than this [dB] below the beam contains only rounding errors.
+# Level difference [dB] between the beam and the peak of a cut above which the cut contains only
+# rounding errors.
 _NOTHING = 150.0
 # Polarisation ratio [dB] above which the weaker component is a rounding error.
 _LINEAR = 200
 # Level difference [dB] between the beam and the best cut above which a warning reports that all
 # cuts miss the beam.
 _MISSED = 0.1
-# Samples per half-power beamwidth below which the beamwidth has an error of a few percent.
+# Number of samples per half-power beamwidth below which the error of the beamwidth is a few
+# percent.
 _LEAST_SAMPLES = 6
 # Angle [rad] below which the beam counts as normal to the aperture.
 _SAME_ANGLE = 1e-9
-# Smallest reported squint [rad], 0.01 degrees.
+# Smallest squint that is reported [rad], equal to 0.01 degrees.
 _SQUINT = 1.7e-4
 _NUMBERS = (
     "radiated_power", "aperture_power", "peak_directivity", "peak_theta", "peak_phi",
@@ -73,7 +75,7 @@ class CutMetrics:
     directivity: float
     """Directivity of the cut's peak in dBi; minus infinity if the cut has no radiation."""
     half_power_beamwidth: float
-    """Angle in rad between the half-power directions; NaN if the cut ends before one of them."""
+    """Angle in rad between the half-power directions; NaN if one lies beyond the cut."""
     sidelobe_levels: tuple[float, float]
     """Levels in dB of the first sidelobe on each side, relative to the peak of the cut.
 
@@ -224,7 +226,7 @@ def beam_metrics(
     - ``cuts`` : the meridians of the pattern, or the great circles of :func:`beam_cuts`. If theta
       is never negative, columns at phi and phi + pi are joined into one meridian.
     - ``beam_cuts`` : two great circles through the beam, as functions of the angle from the beam.
-      They are exact for a result of :func:`beam_cuts`, and interpolated for a pattern whose phi
+      The cuts are exact for a result of :func:`beam_cuts`, and interpolated for a pattern whose phi
       covers the full circle. For a pattern of single meridians the tuple is empty.
 
     Values between samples are interpolated by parabolas. With ten samples within the half-power
@@ -238,12 +240,13 @@ def beam_metrics(
         Power in W that the antenna accepts. By default the radiated power is the integral of |E|^2
         over the hemisphere, and ``eirp`` is None.
     efficiency : float, default 1
-        Radiated power divided by accepted power, above 0 and up to 1, which accounts for losses.
+        Radiated power divided by accepted power, which accounts for losses. The value must be above
+        0 and at most 1.
 
     Returns
     -------
     BeamMetrics
-        Angles in rad, levels in dB, powers in W.
+        Metrics of the beam, with angles in rad, levels in dB and powers in W.
 
     Raises
     ------
@@ -304,7 +307,7 @@ def _warn_of_samples(
 ) -> None:
     """Warn if angles are coarse for the beamwidth, or if no cut passes through the beam.
 
-    The latter warning is omitted if ``has_circles``.
+    If ``has_circles`` is true, the second warning is omitted.
     """
     best = max(cuts, key=lambda cut: cut.directivity)
     step = max(float(np.diff(line.angles).max()) for line in lines)
@@ -355,7 +358,7 @@ def cut_metrics(cut: Cut, beam: float) -> CutMetrics:
 
 def _nearest_peak(levels: Floats, angles: Floats) -> int:
     """Return the index of the maximum that is reached uphill from the angle 0."""
-    # The largest sample may lie in the back lobe.
+    # The search starts at the angle 0, because the largest sample may lie in the back lobe.
     k = int(np.abs(angles).argmin())
     while True:
         neighbours = range(max(0, k - 1), min(len(levels), k + 2))
@@ -381,8 +384,9 @@ class _Flank(NamedTuple):
 def _flank(angles: Floats, levels: Floats, peak: int, step: int, level: float) -> _Flank:
     """Return the half-power angle, null and sidelobes of a cut on one side of its peak.
 
-    ``peak`` and ``level``: index and level of the peak. ``step``: 1 for larger angles, -1 for
-    smaller angles. Values beyond the end of the cut keep their defaults.
+    ``peak`` and ``level`` are the index and the level of the peak. ``step`` is 1 for the side of
+    larger angles, and -1 for the side of smaller angles. Quantities beyond the end of the cut keep
+    their defaults.
     """
     levels, angles = levels[peak::step], angles[peak::step]
     below = np.flatnonzero(levels < level - _HALF)
@@ -408,7 +412,7 @@ def _flank(angles: Floats, levels: Floats, peak: int, step: int, level: float) -
 def _vertex(angles: Floats, levels: Floats, peak: int) -> tuple[float, float]:
     """Return angle and level of the vertex of the parabola through three neighbouring samples.
 
-    The sample itself is returned at an end of the cut and next to a null.
+    At an end of the cut and next to a null, the sample ``peak`` is returned instead.
     """
     angle, level = float(angles[peak]), float(levels[peak])
     near = slice(max(0, peak - 1), peak + 2)

@@ -42,13 +42,13 @@ class _Element:
 
     outline: Aperture
     amplitudes: Complex
-    """Shape (m,)."""
+    """Amplitudes of the plane waves, shape (m,)."""
     frequencies: Floats
     """Spatial frequencies in 1/m, shape (m, 2)."""
     shifts: Floats
     """Positions of the copies in m, shape (n, 2)."""
     weights: Complex
-    """Shape (n,)."""
+    """Weights of the copies, shape (n,)."""
 
     @property
     def edges(self) -> int:
@@ -136,7 +136,7 @@ def radiator_of(source: object) -> Radiator:
 
 # Direction cosine p_z below which rounding errors are not estimated.
 _GRAZING = 1e-6
-# Cycles of phase over half a panel that the largest Gauss rule resolves.
+# Largest number of phase cycles over half a panel that the largest Gauss rule resolves.
 _MOST_CYCLES = 48.0
 
 
@@ -144,12 +144,13 @@ class _Panels(NamedTuple):
     """Table of panels, one row for each plane wave. Lengths are in wavelengths."""
 
     rows: Floats
-    """Shape (m, 12): first end relative to the source centre (2), direction (2), length, direction
-    cosines p_x, p_y and |p_z|, their rounding errors (3), phase at the first end in cycles."""
+    """First end of the panel relative to the source centre (2), direction (2), length, direction
+    cosines p_x, p_y and |p_z| (3), their rounding errors (3), and phase at the first end in cycles.
+    Shape (m, 12)."""
     amplitudes: Complex
-    """Shape (m,)."""
+    """Amplitudes of the plane waves, shape (m,)."""
     evanescent: NDArray[np.bool_]
-    """Shape (m,)."""
+    """Whether each wave is evanescent, shape (m,)."""
 
 
 def panels_of(
@@ -196,7 +197,7 @@ def panels_of(
 def cosines_of(frequencies: Floats, wavelength: float, paraxial: bool) -> Complex:
     """Return the complex direction cosines p_z (m,) of plane waves with frequencies (m, 2) in 1/m.
 
-    They are positive imaginary for evanescent waves. The paraxial value is ``1 - (p_x^2 +
+    The values of evanescent waves are positive imaginary. The paraxial value is ``1 - (p_x^2 +
     p_y^2)/2``.
     """
     if not paraxial:
@@ -240,14 +241,15 @@ def _divided_edges(outline: Aperture, longest: float) -> tuple[Floats, Floats, F
 
 # Cost of an edge in a boundary integral, relative to its cost in a Fourier transform.
 _TERMS = 16
-# Largest number of panels. They take 2 GB, and one second per point on one core.
+# Largest number of panels, which take 2 GB of memory, and one second per point on one core.
 _MOST_PANELS = 1 << 24
 # Pairs (upper limit of the distance from the source, length of the longest panels) [wavelengths].
 # Panels twice as long as the distance need the fewest nodes.
 _STRATA = ((3.0, 3.0), (6.0, 6.0), (math.inf, 12.0))
-# Panels per block.
+# Number of panels per block.
 _ROWS = 1 << 14
-# Factor by which the number of digits grows in each round, and largest number of rounds.
+# Factor by which the number of digits grows in each round of refinement, and largest number of
+# rounds.
 _HARDER, _ROUNDS = 1.6, 4
 # Additional digits per panel [natural logarithm], because the errors of panels add up.
 _MARGIN = 2.7
@@ -255,10 +257,10 @@ _MARGIN = 2.7
 # which Ctrl-C has no effect. Fewer than _FEWEST_POINTS points take less time than the overhead of a
 # call.
 _MOST_PAIRS, _FEWEST_POINTS = 1 << 20, 1 << 12
-# Smallest height [wavelengths] and direction cosine p_z for steepest descent. These limits bound
-# the stationary phase N'/2 of (B3) from below.
+# Smallest height [wavelengths] and smallest direction cosine p_z for steepest descent. These limits
+# bound the stationary phase N'/2 of (B3) from below.
 _STEEP_HEIGHT, _STEEP_COSINE = 16.0, 0.5
-# Number of rounds of steepest descent before panels are used instead.
+# Number of rounds of steepest descent after which panels are used instead.
 _STEEP_ROUNDS = 2
 
 
@@ -323,7 +325,8 @@ def _by_edge_sums(
     edges = _TERMS * sum(element.edges for element in radiator.elements)
     chosen = resolved(engine, len(points), edges)
     edge_sums = partial(_edge_sums, radiator, wavelength, second_term, paraxial, chosen)
-    # The bound includes the static field, which dominates within a wavelength of the source.
+    # The bound on the field includes the static field, which dominates within a wavelength of the
+    # source.
     distance = points[:, 2] if paraxial else radiator.distance_of_centre(points)
     bound = radiator.content / distance * (1 / wavelength + second_term / (2 * math.pi * distance))
     allowed = tolerance * np.minimum(radiator.amplitude, bound)
@@ -419,7 +422,10 @@ def strata_of(
 
 
 def panels_in(radiator: Radiator, wavelength: float, longest: float) -> float:
-    """Return a bound on the pairs (panel, wave) for panels up to ``longest`` wavelengths long."""
+    """Return the largest possible number of pairs (panel, wave).
+
+    Panels are up to ``longest`` wavelengths long.
+    """
     edges = sum(element.edges for element in radiator.elements)
     return edges + radiator.perimeter / (longest * wavelength)
 
@@ -429,7 +435,7 @@ def boundary_tables(
 ) -> integrals.BoundaryTables:
     """Return all panels of a source as kernel tables, for float64 if ``double``, else for float32.
 
-    ``second_term``: factor m of the second boundary term of (B3).
+    ``second_term`` is the factor m of the second boundary term of (B3).
     """
     blocks = panels_of(radiator, wavelength, longest, _ROWS, False)
     panels = _Panels(*(np.concatenate(parts) for parts in zip(*blocks, strict=True)))

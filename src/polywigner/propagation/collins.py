@@ -42,7 +42,7 @@ _EQUAL = 8 * _ULP
 # Rounding error of Fourier transforms and images, relative to the integral of |u|.
 _CLOSED = 1e-13
 _IDENTITY = FirstOrder.magnifier(1.0)
-# Additional nodes of the two quadrature rules whose difference is the error estimate.
+# Numbers of additional nodes of the two quadrature rules whose difference is the error estimate.
 _EXTRA = (8.0, 12.0)
 _FINEST = 1e-13
 # Largest number of pairs (node on a stop, point). About 1e9 pairs take a minute.
@@ -53,7 +53,7 @@ _NODE_COST = 1000
 _PRODUCTS = 50
 # Largest ratio of lattice points to frequencies for which the lattice is used.
 _SPARSE = 4
-# Pairs (node, point) per block.
+# Number of pairs (node, point) per block.
 _BLOCK = 1 << 21
 
 
@@ -139,7 +139,8 @@ def _rounding(
 ) -> Floats:
     """Return absolute errors (n,) of `chirp_transform` at the frequencies slopes/wavelength.
 
-    ``curvature`` (2,) and ``axes`` (2, 2): eigenvalues in 1/m and eigenvectors of M in (O4).
+    ``curvature`` (2,) contains the eigenvalues of M in (O4) in 1/m, and ``axes`` (2, 2) the
+    eigenvectors.
     """
     largest = float(abs(curvature).max())
     size = float(np.linalg.norm(radiator.high - radiator.low))
@@ -155,8 +156,8 @@ def _by_fresnel(
 ) -> FieldEstimate:  # fmt: skip
     """Return the integral (O4) without the factor c as a scaled Fresnel field for equal curvatures.
 
-    ``curvature``: both eigenvalues of M in 1/m, of either sign. ``slopes``: q in (O4), shape (n,
-    2). The errors are also without c.
+    ``curvature`` is the common value in 1/m of both eigenvalues of M, and may be negative.
+    ``slopes`` (n, 2) is q in (O4). The errors also omit the factor c.
     """
     if curvature < 0:
         mirrored = tuple(
@@ -186,7 +187,7 @@ def _image(
 ) -> tuple[Complex, float]:
     """Return the image of a field behind a system with B = 0, and its amplitude scale.
 
-    ``field``: function of positions (n, 2) in the source plane. The image includes the scale.
+    ``field`` is a function of positions (n, 2) in the source plane. The image includes the scale.
     """
     inverse, scale = np.linalg.inv(system.A), 1 / math.sqrt(abs(np.linalg.det(system.A)))
     front = 1j * _root_phase(system.A) if np.linalg.det(system.A) > 0 else -1j
@@ -254,7 +255,7 @@ def checked_points_behind(points: Any) -> Floats:
 def systems_and_stops(through: object) -> tuple[list[FirstOrder], list[PublicSource]]:
     """Return the n + 1 first-order systems of ``through``, and the n stops between them.
 
-    Consecutive systems are multiplied. Raises ArgumentError for other elements.
+    Consecutive systems are multiplied. Raises ArgumentError if an element has another type.
     """
     systems: list[FirstOrder] = [_IDENTITY]
     stops: list[PublicSource] = []
@@ -306,7 +307,7 @@ def _clipped_planes(
 
 
 def _clipped(plane: PublicSource, outline: Aperture) -> PublicSource:
-    """Return the part of a source inside an outline; raise ArgumentError if there is none."""
+    """Return the part of a source inside an outline; raise ArgumentError if it is empty."""
     elements = normal_form(plane).in_plane.elements
     parts = [
         (e.shape & outline, e.weight)
@@ -333,7 +334,8 @@ def _behind_stops(
 ) -> FieldEstimate:
     """Compute the field at points (n, 2) behind stops, each followed by a system (O8).
 
-    ``planes``: source, then stops. ``systems``: the system behind each of them.
+    ``planes`` contains the source and then the stops. ``systems`` contains the system behind each
+    of these planes.
     """
     *others, stop = planes
     *earlier_systems, system = systems
@@ -342,7 +344,7 @@ def _behind_stops(
 
     def on_stop(nodes: Floats) -> FieldEstimate:
         """Return the incident field at nodes (m, 2) on the last stop, with its errors."""
-        # Errors at the nodes of the stop may add up in phase.
+        # The tolerance on the stop is smaller, because errors at its nodes may add up in phase.
         finer = max(0.1 * tolerance, _FINEST)
         return _behind_stops(others, earlier_systems, nodes, wavelength, finer, engine)
 
@@ -377,7 +379,7 @@ def _stop_rate(
     """Return the highest spatial frequency [1/m] of Collins' integrand on a stop.
 
     ``path`` is the system in front of the stop. ``bend`` and ``slopes`` are M and q (n, 2) in (O4)
-    of the system behind it.
+    of the system behind the stop.
     """
     inverse = np.linalg.inv(path.B)
     origin = radiator_of(previous)
@@ -426,7 +428,8 @@ class FrequencyLattice:
     def fourier_sum(self, nodes: Floats, waves: Complex) -> Complex:
         """Return ``sum_k waves_k exp(-2 pi i nu.x_k)`` for all frequencies nu, shape (n,).
 
-        ``nodes`` (m, 2): positions x_k. ``waves`` (m,): weighted values at these positions.
+        ``nodes`` (m, 2) contains the positions x_k, and ``waves`` (m,) the weighted values at these
+        positions.
         """
         total: Any = 0.0
         blocks = index_blocks(len(nodes), _BLOCK // max(1, sum(map(len, self.axes))))
@@ -461,7 +464,7 @@ def as_lens(wave: Wavefront, wavelength: float) -> tuple[PublicSource, FirstOrde
 def squared_field(field: Complex, error: Floats) -> tuple[Floats, Floats]:
     """Return the squared modulus of a complex field, and its error.
 
-    ``error``: bound on the modulus of the error of the field.
+    ``error`` is an upper bound on the modulus of the error of the field.
     """
     modulus = np.abs(field).astype(np.float64)
     return np.square(modulus), (2 * modulus + error) * error

@@ -24,8 +24,8 @@ from polywigner.propagation.equivalent_points import RadiatingPoint
 Edge = Literal["black", "soft", "hard"]
 EDGES = ("black", "soft", "hard")
 
-# Allowed distance of plates from their common plane, as a fraction of their extent. Coordinates may
-# be in single precision.
+# Allowed distance of plates from their common plane, as a fraction of their extent. The limit
+# allows for coordinates in single precision.
 _UNEVEN = 1e-6
 # Distance [wavelengths] from the source below which the field loses digits. A fourth-order mean
 # over points at multiples of _STEP replaces the field there.
@@ -58,8 +58,8 @@ class Sheet:
 
     def silhouettes(self, bodies: Obstacles, sources: Floats) -> list[Silhouette]:
         """Return the silhouette of the plates for each source position (n, 3)."""
-        # Seen from a point off the plane, the plates have the same edges, even if the source lies
-        # in the plane.
+        # From all points on one side of the plane, the same edges are visible. A view from such a
+        # point also serves a source in the plane.
         centre, extent = bodies.vertices.mean(axis=0), np.ptp(bodies.vertices, axis=0).max()
         views = []
         for side in (-1.0, 1.0):
@@ -89,7 +89,7 @@ def flattened(bodies: Obstacles) -> Obstacles:
     if np.abs(heights).max() > allowed or any(body.is_solid for body in bodies.bodies):
         raise ArgumentError(
             "soft and hard edges require plates in one plane as obstacles, got bodies or "
-            'several planes; use edge="black", or pass only plates in one plane'
+            'plates in several planes; use edge="black", or pass only plates in one plane'
         )
     normal, plates = sheet.plane[:3], []
     for body in bodies.bodies:
@@ -119,8 +119,8 @@ def change_by_sheet(
     sheet, count = Sheet.of(bodies), len(positions)
     origins = np.array([point.position for point in sources])
     on_plate = np.min([body.distance(positions) for body in bodies.bodies], axis=0) < least
-    # Edge waves are discontinuous across the plane. For hard plates their difference vanishes in
-    # the plane next to a plate.
+    # Edge waves are discontinuous across the plane, so points in the plane are moved off it. This
+    # is not necessary next to a hard plate, where the difference of the edge waves vanishes.
     raised = np.where(on_plate | (edge == "soft"), least, 0.0)
     both = sheet.with_images(positions, origins.mean(axis=0), raised)
     seen = sheet.silhouettes(bodies, origins)
@@ -162,7 +162,7 @@ def _averaged(
 ) -> Fields:
     """Return the results of ``compute``, averaged over neighbours of ``close`` positions.
 
-    ``step``: see `mean_of_neighbours`.
+    See `mean_of_neighbours` for ``step``.
     """
     moved = np.where(close[:, None], positions + step, positions)
     results = compute(moved)
@@ -178,8 +178,8 @@ def mean_of_neighbours(
 ) -> list[NDArray[Any]]:
     """Return fourth-order means of ``compute`` over four neighbours of each position (n, 3).
 
-    The neighbours lie at -2, -1, 1 and 2 times ``step``, one vector (3,) or n vectors (n, 3). The
-    list has a mean for each result of ``compute``.
+    The neighbours lie at -2, -1, 1 and 2 times ``step``, which is one vector (3,) or n vectors (n,
+    3). The list contains the mean of each result of ``compute``.
     """
     near = [compute(positions + number * step) for number in _WEIGHTS]
     weights = list(_WEIGHTS.values())

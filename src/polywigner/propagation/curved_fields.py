@@ -24,14 +24,14 @@ from polywigner.propagation.boundary import radiator_of
 from polywigner.source.obliquities import CONDITIONS, direction_cosines
 from polywigner.transforms.wavefronts import chirp_transform, principal_axes
 
-# Gauss nodes along each side of a cell.
+# Number of Gauss nodes along each side of a cell.
 _NODES = 20
-# Largest number of phase cycles along a side of a cell, for an accuracy of 13 digits. At points
-# half a side away from the cell, the static field 1/R^2 is equally accurate.
+# Largest number of phase cycles along a side of a cell, for an accuracy of 13 digits. The rule
+# integrates the static field 1/R^2 as accurately if the point is half a side away from the cell.
 _MOST_CYCLES = 4.0
 # Rounding error of a sum over nodes, relative to the sum of moduli.
 _ROUNDING = 1e-13
-# Cells per block, points per block, and largest number of pairs (point, cell).
+# Number of cells per block, number of points per block, and largest number of pairs (point, cell).
 _CELLS, _POINTS, _MOST_PAIRS = 1 << 9, 1 << 9, 1 << 22
 
 
@@ -61,13 +61,13 @@ class _Element(NamedTuple):
     """An element of a curved source, divided into triangles, with m plane waves."""
 
     triangles: Floats
-    """In m, shape (n, 3, 2)."""
+    """Corners of the triangles in m, shape (n, 3, 2)."""
     shift: Floats
-    """Position of the element in m, included in the triangles, shape (2,)."""
+    """Position of the element in m, which the triangles include, shape (2,)."""
     amplitudes: Complex
-    """Shape (m,)."""
+    """Amplitudes of the plane waves, shape (m,)."""
     frequencies: Floats
-    """In 1/m, with phases relative to ``shift``, shape (m, 2)."""
+    """Spatial frequencies in 1/m of waves with phases relative to ``shift``, shape (m, 2)."""
 
 
 def summed_over_cells(
@@ -125,7 +125,8 @@ def _longest_sides(cells: Floats) -> Floats:
 def _highest(wave: Wavefront, part: _Element, cells: Floats, frequencies: Any) -> Floats:
     """Return the highest spatial frequency of the field times another wave on each cell, in 1/m.
 
-    ``frequencies`` (k, 3, 2): spatial frequencies of the other wave at the corners of the cells.
+    ``frequencies`` (k, 3, 2) contains the spatial frequencies of the other wave at the corners of
+    the cells.
     """
     frequencies = frequencies + (cells - wave.centre) @ wave.curvature
     highest = np.zeros(len(cells))
@@ -154,7 +155,10 @@ def _point_cells(
 def _are_small(
     wave: Wavefront, part: _Element, cells: Floats, points: Floats, wavelength: float
 ) -> NDArray[np.bool_]:
-    """Return a mask (k,) of cells whose wave to their point one Gauss rule integrates."""
+    """Return a mask (k,) of the cells that are small enough for one Gauss rule.
+
+    ``points`` contains one field point for each cell.
+    """
     size = _longest_sides(cells)
     away = cells - points[:, None, :2]
     height = points[:, 2]

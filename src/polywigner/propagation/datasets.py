@@ -63,16 +63,18 @@ if TYPE_CHECKING:
 
 Quantity = Literal["irradiance", "amplitude", "phase"]
 
-# Methods that accept an obliquity. The boundary condition of any other method implies it.
+# Methods that accept an obliquity. The boundary condition of any other method determines its
+# obliquity.
 _WITH_OBLIQUITY = ("wigner", "fraunhofer")
-# Options that :func:`irradiance` and :func:`amplitude` do not accept.
+# Options of datasets that :func:`irradiance` and :func:`amplitude` do not accept.
 _OF_RESULTS = ("method", "quantity", "dtype", "chunks", "out", "scheduler", "threads", "progress")
-# Points per block in memory: tens of megabytes, enough for the full speed of compiled engines.
+# Number of points per block in memory. A block takes tens of megabytes, and is large enough for the
+# full speed of compiled engines.
 _BLOCK = 1 << 17
 # Largest and smallest number of samples per chunk, and target number of chunks. The largest chunk
 # has 4 MB of float32. With 64 chunks, the first results are stored within a minute.
 _LARGEST_CHUNK, _SMALLEST_CHUNK, _CHUNKS = 1 << 20, 1 << 15, 64
-# Unit and long name.
+# Unit and long name of each quantity.
 _QUANTITIES = {
     "irradiance": ("W m-2", "irradiance |U|^2"),
     "amplitude": ("W0.5 m-1", "complex amplitude U"),
@@ -204,12 +206,13 @@ def _positions(grid: Grid) -> dict[str, Any]:
 
 @contextmanager
 def _warnings_once() -> Iterator[None]:
-    """Issue the warnings of a block at its end, without repeats that differ only in numbers."""
+    """Issue the warnings of a block at its end, without repetitions that differ only in numbers."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         yield
     for warning in {re.sub(r"[\d.]+", "", str(w.message)): w for w in caught}.values():
-        # Stack level of the caller of `line`, `plane`, ..., which `takes_frequency` wraps.
+        # The stack level refers to the caller of `line`, `plane`, ..., which `takes_frequency`
+        # wraps.
         warnings.warn(warning.message, warning.category, stacklevel=6)
 
 
@@ -245,7 +248,7 @@ def line(
     Raises
     ------
     PolywignerError
-        As :func:`plane`.
+        See :func:`plane`.
 
     >>> import polywigner as pw
     >>> square, ends = pw.shapes.square(10e-3), [(0, 0, 0.05), (0, 0, 0.2)]
@@ -282,7 +285,7 @@ def plane(
         "wigner", a method of :func:`amplitude`, or a list of these.
     quantity : {"irradiance", "amplitude", "phase"}
         Quantity to compute: the irradiance |U|^2 in W/m^2 for |u|^2 in W/m^2, the complex amplitude
-        U, or the phase of U in rad. The method "wigner" has an irradiance only.
+        U, or the phase of U in rad. The method "wigner" provides only the irradiance.
     obliquity : str, optional
         Obliquity factor of "wigner" and "fraunhofer", as in :func:`irradiance`.
     bandwidth : float, optional
@@ -290,8 +293,8 @@ def plane(
     tolerance : float, optional
         Allowed error as in :func:`irradiance` and :func:`amplitude`, with the same defaults.
     obstacles : sequence of bodies and plates, optional
-        Obstacles as in :func:`amplitude`; their shadows include diffraction (docs/shadows.md). They
-        require an exact method and a single wavelength.
+        Obstacles as in :func:`amplitude`; their shadows include diffraction (docs/shadows.md).
+        Obstacles require an exact method and a single wavelength.
     edge : {"black", "soft", "hard"}, default "black"
         Boundary condition on the obstacles, as in :func:`amplitude`.
     dtype : {"float64", "float32"}
@@ -305,33 +308,33 @@ def plane(
         Folder of a zarr store (format 3) to which the values are written chunk by chunk. After an
         interruption the same call completes the store. Requires the extra ``datasets``.
     scheduler : str or cluster, default this machine
-        With ``out``: address of a dask.distributed scheduler whose workers can access ``out``, or a
-        cluster object such as ``LocalCluster``.
+        Address of a dask.distributed scheduler, for use with ``out``, whose workers can access
+        ``out``, or a cluster object such as ``LocalCluster``.
     threads : int, optional
-        With ``out``: number of threads, on this machine or of each worker. The default is all
-        cores, or the worker's threads.
+        Number of threads with ``out``, on this machine or of each worker. The default is all cores,
+        or the worker's threads.
     progress : bool, optional
-        Whether to draw a progress bar. The default is to draw it on a terminal.
+        Whether to draw a progress bar. By default, the bar is drawn on a terminal.
 
     Returns
     -------
     xarray.Dataset
-        One variable for each method, with the name of the method. Its axes are two of x, y and z,
+        One variable for each method, with the name of the method. The axes are two of x, y and z,
         or, for three corners, the distances u and v from the first corner. Attributes contain
-        units, settings and the version. A coordinate contains the source.
+        units, settings and the version. One of the coordinates contains the source.
 
     Raises
     ------
     ArgumentError
-        For arguments of the wrong type, shape or range.
+        If an argument has the wrong type, shape or range.
     GeometryError
-        For an Array whose elements do not lie in the plane z = 0.
+        If elements of an Array do not lie in the plane z = 0.
     EngineError
         If the engine or the scheduler is not available.
     StoreError
         If the path cannot be written to, or contains results of other settings.
     MissingExtraError
-        For ``chunks`` and ``out`` without the extra ``datasets``.
+        If ``chunks`` or ``out`` is specified, and the extra ``datasets`` is not installed.
 
     >>> import polywigner as pw
     >>> square, where = pw.shapes.square(10e-3), [(-0.02, -0.02, 0.1), (0.02, 0.02, 0.1)]
@@ -381,7 +384,7 @@ def hemisphere(
     Raises
     ------
     PolywignerError
-        As :func:`plane`.
+        See :func:`plane`.
 
     >>> import polywigner as pw
     >>> square, theta = pw.shapes.square(10e-3), [0.0, 0.5]
@@ -425,7 +428,7 @@ def volume(
     Raises
     ------
     PolywignerError
-        As :func:`plane`.
+        See :func:`plane`.
 
     >>> import polywigner as pw
     >>> square, box = pw.shapes.square(10e-3), [(-0.02, -0.02, 0.05), (0.02, 0.02, 0.1)]
@@ -438,7 +441,7 @@ def volume(
 
 Kind = Literal["wigner", "ambiguity"]
 
-# Symbol, long name, sign convention, and dtype in single precision.
+# Symbol, long name, sign convention, and dtype in single precision of each table.
 _TABLES: dict[Kind, tuple[str, str, str, type]] = {
     "wigner": ("W", "Wigner function", "exp(-2 pi i nu.xi)", np.float32),
     "ambiguity": ("A", "ambiguity function", "exp(-2 pi i upsilon.x)", np.complex64),
@@ -494,7 +497,7 @@ def wigner_table(
     Raises
     ------
     PolywignerError
-        As :func:`plane`.
+        See :func:`plane`.
 
     >>> import polywigner as pw
     >>> table = pw.wigner_table(pw.shapes.square(1.0), [0.0], [0.0], [0.0, 0.5], [0.0])
@@ -537,7 +540,7 @@ def ambiguity_table(
     Raises
     ------
     PolywignerError
-        As :func:`plane`.
+        See :func:`plane`.
 
     >>> import polywigner as pw
     >>> table = pw.ambiguity_table(pw.shapes.square(1.0), [0.0, 0.5], [0.0], [0.0], [0.0])
@@ -557,8 +560,8 @@ def _values(
     first, second = (
         np.stack(np.meshgrid(*pair, indexing="ij"), axis=-1) for pair in (parts[:2], parts[2:])
     )
-    # Kernels compute the slice of the source at each x (for W) or xi (for A) only once if these are
-    # the leading axes.
+    # Kernels compute the slice of the source at each x (for W) or xi (for A) only once if these
+    # axes come first.
     if kind == "wigner":
         return np.asarray(wigner(source, first[:, :, None, None, :], second, **how))
     values = ambiguity(source, first, second[:, :, None, None, :], **how)

@@ -40,21 +40,21 @@ from polywigner.propagation.source_nodes import Interpolation, interpolation_for
 
 Flags = NDArray[np.bool_]
 
-# An edge within _CLOSE [wavelengths] of the point is near. The blend between near and far edges
-# ends at _OVERLAP times the near limits.
+# Distance [wavelengths] from the point below which an edge is near, and ratio of the limit at which
+# the blend between near and far edges ends to the limit for near edges.
 _CLOSE, _OVERLAP = 1.0, 1.1
-# Pairs (point, edge) or (point, source point) per block, about 100 MB.
+# Number of pairs (point, edge) or (point, source point) per block, which take about 100 MB.
 _PAIRS = 1 << 19
 # Number of pairs per block whose arrays fit in the processor's cache.
 _CACHED = 1 << 14
 # Largest number of far nodes per table row. The number is rounded up to a multiple of _STEP, which
 # limits the number of compiled kernels.
 _PER_ROW, _STEP = 40, 4
-# With fewer than _LEAST_POINTS equivalent points, or fewer than _LEAST_PAIRS edge waves, a direct
-# sum over the equivalent points is faster. The largest free field is estimated from up to
-# _MOST_LEVELS positions.
+# Numbers of equivalent points and of edge waves below which a direct sum over the equivalent points
+# is faster, and largest number of positions from which the largest free field is estimated.
 _LEAST_POINTS, _LEAST_PAIRS, _MOST_LEVELS = 16, 1 << 20, 1 << 11
-# Costs of a sample and of a boundary wave, relative to the cost of one far node at a sample.
+# Costs of a sample on an edge and of a boundary wave, relative to the cost of one far node at a
+# sample.
 _SAMPLE_COST, _POINT_COST = 8.0, 100.0
 _NONE = np.zeros(1)
 _OPS: Any = NumpyOperations()
@@ -64,11 +64,11 @@ class Targets(NamedTuple):
     """Positions at which the field behind obstacles is computed."""
 
     positions: Floats
-    """Shape (n, 3)."""
+    """Positions in wavelengths, shape (n, 3)."""
     aside: Floats
     """Positions displaced off shadow boundaries for tests of visibility, shape (n, 3)."""
     margin: Floats
-    """Thickness of surfaces, shape (n,)."""
+    """Thickness of surfaces at each position, shape (n,)."""
     by_angles: Flags
     """Whether edge angles determine visibility, without ray tracing, shape (n,)."""
 
@@ -86,7 +86,7 @@ class EdgeSum:
     edges: Floats
     """Edges visible from at least one source point, shape (m, 2, 3)."""
     sees: Flags
-    """Whether an edge is visible from a near node, shape (k, m)."""
+    """Whether each edge is visible from each near node, shape (k, m)."""
     nodes: Interpolation
     counts: Indices
     """Number of samples of each edge, shape (m,)."""
@@ -105,7 +105,7 @@ class EdgeSum:
     ) -> EdgeSum | None:
         """Return the sum for positions (n, 3), or None if a sum over all source points is faster.
 
-        ``error``: allowed error, relative to the largest free field.
+        ``error`` is the allowed error relative to the largest free field.
         """
         is_shared = all(silhouette is seen[0] for silhouette in seen)
         views = [
@@ -148,7 +148,7 @@ class EdgeSum:
 
     @cached_property
     def _is_oblique(self) -> bool:
-        """Whether edge waves have an obliquity term, because a point has a weight of the field."""
+        """Whether edge waves have an obliquity term, because a source point has a field weight."""
         return any(point.field for point in self.points)
 
     def change(self, targets: Targets, rule: EdgeRule) -> tuple[Complex, Complex]:
@@ -243,8 +243,8 @@ class EdgeSum:
     def _far_nodes(self, samples: Floats, number: Indices) -> Floats:
         """Return table rows of the far nodes, as seen from samples (q, 3) of edges.
 
-        ``number`` (q,) are the edges of the samples. A row contains the directions and waves of
-        several nodes. Zero weights pad the last row of a sample.
+        ``number`` (q,) contains the edge of each sample. A row contains the directions and waves of
+        several nodes. The last row of a sample is padded with zeros.
         """
         source = self.nodes.far
         waves = source.waves_and_dipoles(samples)
@@ -253,7 +253,8 @@ class EdgeSum:
         if not self.sees.all():
             waves = [wave * self.sees[:, number].T for wave in waves]
         waves = [wave @ source.fractions.T for wave in waves]
-        # (SB5): derivative with respect to the source's z, divided by -ik.
+        # The obliquity term of (SB5) is the derivative with respect to z of the source, divided by
+        # -ik.
         waves[1:] = [wave * (-0.5j / math.pi) / length for wave in waves[1:]]
         count = len(source.positions)
         parts = math.ceil(count / _PER_ROW)
@@ -296,8 +297,8 @@ def _sample_counts(edges: Floats, nodes: Interpolation, positions: Floats, error
         slopes = [abs(_slope(along, p, centre) + _slope(along, p, at)) for p in (start, end)]
         distance = ops.maximum(_distance(ops, start, end, centre), 1e-9)
         phase = math.pi * (ops.maximum(*slopes) + 2.0 * radius * length / distance)
-        # lateral: distance between the edge and the line from source to point, measured at the
-        # edge.
+        # ``lateral`` is the distance between the edge and the line from the source to the point,
+        # measured at the edge.
         away = ops.maximum(_distance(ops, start, end, at), _CLOSE)
         part = away / (distance + away)
         lateral = ops.sqrt(2.0 * nodes.detour * distance * part) - radius * part
@@ -310,7 +311,8 @@ def _sample_counts(edges: Floats, nodes: Interpolation, positions: Floats, error
 def _slope(along: Point, end: Point, point: Point) -> Number:
     """Return the derivative along an edge of the distance from a point, times the edge length.
 
-    ``along``: vector of the edge. ``end``: the end of the edge at which the derivative is taken.
+    ``along`` is the vector of the edge, and ``end`` is the end of the edge at which the derivative
+    is taken.
     """
     away = difference(end, point)
     return dot(along, away) / _OPS.maximum(_OPS.sqrt(dot(away, away)), 1e-9)
@@ -329,7 +331,7 @@ def _near_weight(
 ) -> Number:
     """Return the weight of an edge in the sum over near edges, from 0 to 1.
 
-    ``least``: smallest detour of far edges.
+    ``least`` is the smallest detour of far edges.
     """
     detour, *_ = path_over(ops, source, point, start, end)
     ratio = ops.minimum(detour / least, _distance(ops, start, end, point) / _CLOSE)
@@ -340,8 +342,8 @@ def _near_weight(
 def _change(rule: EdgeRule, ops: Any, _: Point, sample: Point, shared: Point) -> Values:
     """Return the real and imaginary part of the change of a node's wave by an edge.
 
-    ``sample``: node, ends of the edge, point and displaced point, then the wave and, if it is not
-    zero, the dipole of the node at the point.
+    ``sample`` contains the node, the ends of the edge, the point and the displaced point. It also
+    contains the wave of the node at the point and, if it is not zero, the dipole.
     """
     origin, start, end, point, aside = (sample[k : k + 3] for k in (0, 3, 6, 9, 12))
     dipole = Pair(*sample[17:19]) if len(sample) > 17 else None
@@ -353,7 +355,7 @@ def _change(rule: EdgeRule, ops: Any, _: Point, sample: Point, shared: Point) ->
 def _edge_angle(ops: Any, row: Point, sample: Point, shared: Point) -> Values:
     """Return the angle in rad that an edge spans about the line from a node to a point.
 
-    ``row``: ends of the edge. ``sample``: point. ``shared``: node.
+    ``row`` contains the ends of the edge, ``sample`` the point, and ``shared`` the node.
     """
     return (angle_about(ops, shared, sample, row[:3], row[3:6]),)
 
@@ -361,9 +363,9 @@ def _edge_angle(ops: Any, row: Point, sample: Point, shared: Point) -> Values:
 def _far_wave(width: int, ops: Any, row: Point, point: Point, shared: Point) -> Values:
     """Return the wave of one edge sample, summed over several nodes (SB8).
 
-    The results are its real and imaginary part. ``width``: number of values per node: its
-    direction, wave, and optionally dipole. ``shared``: smallest detour of far edges, and centre of
-    the source.
+    The results are the real and the imaginary part of the wave. ``width`` is the number of values
+    for each node, which are its direction, wave, and optionally dipole. ``shared`` contains the
+    smallest detour of far edges, and the centre of the source.
     """
     at, tangent, start, end = (row[k : k + 3] for k in (0, 3, 6, 9))
     part = 1.0 - _near_weight(ops, shared[0], shared[1:4], start, end, point)

@@ -37,15 +37,15 @@ _EVEN = 1e-6
 # Number of samples from which a value on an open meridian is interpolated. The error is 1e-6 for 8
 # samples per lobe, and rounding errors grow by less than a factor of 100 (docs/patterns.md).
 _STENCIL = 12
-# Backward radiation below this fraction of the largest field counts as zero.
+# Fraction of the largest field below which backward radiation counts as zero.
 _NOTHING = 1e-9
-# Directions per block.
+# Number of directions per block.
 _ROWS = 4096
-# Size of the largest table. It has steps of a quarter degree, and takes 16 MB, and 0.1 GB for its
-# interpolation matrices.
+# Numbers of angles of the largest table, which has steps of a quarter degree. The table takes 16
+# MB, and its interpolation matrices take 0.1 GB.
 MOST_THETA, MOST_PHI = 721, 1440
-# Number of quadrature nodes beyond the bandwidth of the field. The error, a Bessel function of high
-# order, is then negligible.
+# Number of quadrature nodes in addition to the bandwidth of the field. The error, a Bessel function
+# of high order, is then negligible.
 _MARGIN = 40
 
 
@@ -68,8 +68,8 @@ class ElementPattern:
         check_most(len(phi), MOST_PHI, "phi angles", remedy)
         if not covers_front(theta, phi):
             raise ArgumentError(
-                "expected evenly spaced theta angles from 0 to 90 or 180 degrees, and phi around "
-                f"the full circle, got theta from {math.degrees(theta[0]):g} to "
+                "expected evenly spaced theta angles from 0 to 90 or 180 degrees, and phi "
+                f"angles around the full circle, got theta from {math.degrees(theta[0]):g} to "
                 f"{math.degrees(theta[-1]):g} and phi from {math.degrees(phi[0]):g} to "
                 f"{math.degrees(phi[-1]):g} degrees"
             )
@@ -97,15 +97,15 @@ class ElementPattern:
         count = len(phi)
         orders = np.fft.fftfreq(count, 1 / count)
         waves = np.fft.fft(values, axis=2) / count * np.exp(-1j * orders * phi[0])
-        # For an even number of samples, the highest order is a cosine: two waves of opposite order
-        # and half the amplitude.
+        # For an even number of samples, the wave of highest order is a cosine, which consists of
+        # two waves of opposite order and half the amplitude.
         if count % 2 == 0:
             waves[:, :, count // 2] /= 2
             other = waves[:, :, count // 2, None] * np.exp(-1j * count * phi[0])
             waves, orders = np.concatenate([waves, other], axis=2), np.append(orders, count / 2)
         used = np.abs(waves).max(axis=(0, 1)) > 1e-15 * largest
         self._orders, waves = orders[used], waves[:, :, used]
-        # Both components change sign across the pole, at phi + pi.
+        # Beyond the pole, at phi + pi, both components change sign.
         beyond = -waves * (-1.0) ** np.abs(self._orders)
         # The angles pi and -pi are the same sample.
         last = len(theta) - 1 if self.covers_sphere else len(theta)
@@ -130,7 +130,7 @@ class ElementPattern:
     def vectors(self, directions: Floats) -> Complex:
         """Return Cartesian far-field vectors (..., 3) in directions (..., 3) (unit vectors).
 
-        They are zero behind the plane if the table covers the front only.
+        The vectors are zero behind the plane if the table covers only the front.
         """
         flat = directions.reshape(-1, 3)
         field = np.empty(flat.shape, np.complex128)
@@ -201,7 +201,8 @@ def _cartesian(theta: Floats, phi: Floats, polar: Complex, azimuthal: Complex) -
 def covers_front(theta: Floats, phi: Floats) -> bool:
     """Return whether angles theta and phi in rad cover the front hemisphere in even steps.
 
-    Both must ascend; theta starts at 0, and phi covers the full circle without a repeated angle.
+    Both angles must ascend. Theta must start at 0, and phi must cover the full circle without a
+    repeated angle.
     """
     even = all(np.ptp(np.diff(angles)) < 10 * _EVEN for angles in (theta, phi) if len(angles) > 2)
     around = len(phi) > 1 and abs((phi[1] - phi[0]) * len(phi) - 2 * math.pi) < 1e-4
@@ -213,7 +214,8 @@ def linear_components(pattern: Any, name: str) -> tuple[Floats, Floats, Complex,
     """Return theta, phi, the field along x and y, and the Jones vector of a pattern.
 
     Angles are in rad. Both components follow Ludwig's third definition and have the shape (n, m)
-    over ascending angles. Raises ArgumentError for anything but the pattern of a polarised source.
+    over ascending angles. Raises ArgumentError if the object is not the pattern of a polarised
+    source.
     """
     axes = {"theta": "theta", "phi": "phi", "field": "theta phi", "cross_field": "theta phi"}
     maker = f"read_pattern or radiation_pattern(polarisation=...) as {name}"
@@ -227,7 +229,7 @@ def linear_components(pattern: Any, name: str) -> tuple[Floats, Floats, Complex,
 def polar_components(x: Complex, y: Complex, phi: Floats) -> tuple[Complex, Complex]:
     """Return E_theta and E_phi from components of Ludwig's third definition at azimuths in rad.
 
-    The arrays broadcast: components (n, m) and ``phi`` (m,).
+    The components have the shape (n, m), and ``phi`` has the shape (m,).
     """
     sine, cosine = np.sin(phi), np.cos(phi)
     return x * cosine + y * sine, y * cosine - x * sine
@@ -261,10 +263,10 @@ class FittedPattern(NamedTuple):
 
 _POOR = 0.3
 # Period of the sum of plane waves, as a multiple of the extent of the outline. A multiple of 2
-# would halve the residual, but requires 2.6 times as many waves.
+# would halve the residual, but would require 2.6 times as many waves.
 _PERIODS = 1.25
-# Largest number of plane waves. The fit then takes some seconds, for an outline 12 wavelengths
-# wide.
+# Largest number of plane waves. An outline 12 wavelengths wide requires this number, and the fit
+# takes some seconds.
 _MOST_WAVES = 1200
 
 
@@ -301,8 +303,8 @@ def fit_pattern(
         use as a polarised source. For use without a polarisation, pass "rayleigh-sommerfeld-1", the
         default method of :func:`amplitude`.
     cut_off : float, default 1e-2
-        Smallest used singular value, as a fraction of the largest one. Smaller values of
-        ``cut_off`` give smaller residuals and less smooth fields.
+        Smallest singular value that is used, as a fraction of the largest singular value. Smaller
+        values of ``cut_off`` give smaller residuals and less smooth fields.
 
     Returns
     -------
@@ -318,8 +320,8 @@ def fit_pattern(
     Raises
     ------
     ArgumentError
-        If an argument has the wrong type or range, or the pattern has no wavelength or no radiation
-        of this polarisation.
+        If an argument has the wrong type or range, or if the pattern does not contain a wavelength
+        or radiation of this polarisation.
     GeometryError
         If the aperture is too wide.
 

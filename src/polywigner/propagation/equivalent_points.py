@@ -29,16 +29,19 @@ from polywigner.transforms import fourier
 from polywigner.transforms.wavefronts import flat_source
 
 _MOST_SOURCES = 1 << 15
-# Additional nodes along a side, tried in turn: first beyond the number that a uniform aperture
-# needs, then beyond the number that resolves any source.
+# Numbers of additional nodes along a side that are tried in turn. The numbers in the first tuple
+# are added to the number that a uniform aperture needs, and the numbers in the second tuple to the
+# number that resolves any source.
 _MORE_OF_UNIFORM, _MORE_OF_ANY = (0, 2, 4, 6, 9, 12, 16, 20), (0, 8, 16)
-# Relative singular values below this limit are rounding errors.
+# Relative magnitude below which singular values are rounding errors.
 _ROUNDING = 1e-9
-# Margin of the required sines, multiplied by the side of the bounding box in wavelengths.
+# Margin around the required range of sines, multiplied by the side of the bounding box in
+# wavelengths.
 _MARGIN = 4.0
-# Triangles per block, with 400 nodes each.
+# Number of triangles per block. Each triangle has 400 nodes.
 _CELLS = 1 << 6
-# Test directions of the fit: number per cycle of phase, and additional number.
+# Number of test directions of the fit for each cycle of phase, and number of additional test
+# directions.
 _DIRECTIONS, _MORE_DIRECTIONS = 4.0, 24
 
 
@@ -102,7 +105,7 @@ def equivalent_grid(
 
 def _numbers_of_nodes(cycles: float, error: float) -> list[int]:
     """Return ascending numbers of Gauss nodes to try, for ``cycles`` of phase along half a side."""
-    # The last numbers resolve any field on the source.
+    # The last numbers of nodes resolve any field on the source.
     uniform = math.ceil(3.0 * cycles) + math.ceil(-0.7 * math.log10(error) * cycles ** (1 / 3)) + 1
     numbers = [uniform + more for more in _MORE_OF_UNIFORM]
     return numbers + [
@@ -126,7 +129,8 @@ def _spectra(
     if condition.slope and isinstance(source, Wavefront) and not source.is_flat:
         spectra.append(condition.slope * _slope_spectrum(source, sines, wavelength) * phase)
     elif condition.slope:
-        # If all waves graze the plane, the normal derivative is zero.
+        # If all waves graze the plane, times_direction_cosine raises an error. The normal
+        # derivative is then zero.
         with suppress(IlluminationError):
             slopes = times_direction_cosine(flat_source(source), wavelength)
             spectra.append(condition.slope * fourier(slopes, nu) * phase)
@@ -211,8 +215,8 @@ def spherical_wave(ops: Any, ahead: Point, cycles: Any = None) -> Pair:
 def wave_ahead(ops: Any, ahead: Point, field: Point, slope: Point, cycles: Any = None) -> Pair:
     """Return the wave of a point source at the displacement ``ahead`` in wavelengths.
 
-    ``field`` and ``slope`` are real and imaginary part of the weights of the field and of the
-    normal derivative. ``cycles``: see :func:`spherical_wave`.
+    ``field`` and ``slope`` contain the real and the imaginary part of the weights of the field and
+    of the normal derivative. See :func:`spherical_wave` for ``cycles``.
     """
     of_field = Pair(*field) * dipole_obliquity(ops, ahead)
     return spherical_wave(ops, ahead, cycles) * (of_field + Pair(*slope))
@@ -262,10 +266,10 @@ def radiating_points(
 
     The error of the squared far field is at most ``error`` times its peak, in the directions of
     ``targets`` (boxes of shape (n, 2, 3) in wavelengths), by default in all directions. Raises
-    ArgumentError if more than ``most`` points are needed, or no number of points is sufficient.
+    ArgumentError if more than ``most`` points are needed, or if no number of points is sufficient.
     """
     if isinstance(source, PointSource):
-        # exp(ikR)/R = (i/wavelength) exp(ikR)/(i R/wavelength).
+        # The factor i/wavelength converts exp(ikR)/(i R/wavelength) to exp(ikR)/R.
         position = np.array(source.position) / wavelength
         return [RadiatingPoint(position, 0j, 1j * source.amplitude / wavelength)]
     radiator = radiator_of(flat_source(source))

@@ -43,7 +43,7 @@ class FarFieldTable:
     fields: Complex
     """Peak values of E_theta and E_phi times the distance, in V, shape (2, n)."""
     frequency: float = math.nan
-    """In Hz; NaN if unknown."""
+    """Frequency in Hz; NaN if unknown."""
     repeated: list[tuple[Column, Floats]] = field(default_factory=list)
     """Columns that repeat the magnitude of the field, and their intensities in W/sr."""
     has_unit_power: bool = False
@@ -60,7 +60,7 @@ class Unit(NamedTuple):
     """A "field" is rE in V, or E in V/m at 1 m. An "intensity" is in W/sr, or in W/m^2 at 1 m. A
     "ratio" is relative to an isotropic source."""
     scale: float = 1.0
-    """Value of one unit or of 0 dB."""
+    """Value of one unit, or of 0 dB, in degrees, Hz, V or W/sr."""
     is_db: bool = False
 
 
@@ -97,7 +97,7 @@ def unit_of(text: str) -> Unit | None:
     return Unit("field" if match[2] else "intensity", _PREFIXES[match[1]], is_db)
 
 
-# Allowed kinds of unit, and the default unit.
+# Allowed kinds of unit, and default unit, of each quantity.
 _UNITS: dict[str, tuple[tuple[Kind, ...], Unit | None]] = {
     "theta": (("angle",), _DEGREES),
     "phi": (("angle",), _DEGREES),
@@ -123,7 +123,7 @@ _PARTS = {
     **dict.fromkeys(("", "mag", "abs", "db", "db10", "db20"), "size"),
     **dict.fromkeys(("phase", "arg", "ang", "ang_deg", "cang_deg", "ang_rad", "cang_rad"), "phase"),
 }
-# Matches names such as mag(rETheta) in HFSS, and Re(Etheta) and Gain(Total) in FEKO.
+# This pattern matches names such as mag(rETheta) in HFSS, and Re(Etheta) and Gain(Total) in FEKO.
 _NAME = re.compile(
     r"(?:(?P<part>[a-z_0-9]+)\()?(?P<quantity>[a-z]+?)(?P<is_feko>\()?"
     r"(?P<component>theta|phi|total)\)?"
@@ -135,11 +135,11 @@ class Column(NamedTuple):
 
     title: str
     quantity: str
-    """Such as "theta", "field" or "gain"."""
+    """Name of the quantity, such as "theta", "field" or "gain"."""
     component: str
-    """"theta", "phi" or "total"; empty for an axis."""
+    """Component "theta", "phi" or "total" of the field; empty for an axis."""
     part: str
-    """"real", "imaginary", "size" or "phase"; "value" for an axis."""
+    """Part "real", "imaginary", "size" or "phase" of the component; "value" for an axis."""
     unit: Unit
 
     def intensity(self, values: Floats) -> Floats:
@@ -165,7 +165,7 @@ class Column(NamedTuple):
 def _column(title: str, unit: str | None, name: str | None = None) -> Column | None:
     """Return the column for a title and a unit, or None for an unknown title.
 
-    ``name``: the title in the notation of HFSS. Raises FileFormatError for unsupported units.
+    ``name`` is the title in the notation of HFSS. Raises FileFormatError for unsupported units.
     """
     name = re.sub(r"[\s\"]", "", title if name is None else name).lower()
     label = repr(title)[1:-1][:40]
@@ -194,10 +194,11 @@ def _column(title: str, unit: str | None, name: str | None = None) -> Column | N
 def _checked_unit(
     label: str, text: str | None, kinds: Sequence[Kind], default: Unit | None, db: bool = False
 ) -> Unit:
-    """Return the unit of a column; ``db`` allows decibels, and a default in dB requires them.
+    """Return the unit of a column.
 
-    Without a text, ``default`` is returned. Raises FileFormatError for other units, and if there is
-    neither a text nor a default.
+    Decibels are allowed if ``db`` is true, and required if ``default`` is in dB. Without a text,
+    ``default`` is returned. Raises FileFormatError for other units, and if there is neither a text
+    nor a default.
     """
     if text is None or not text.strip():
         if default is None:
@@ -216,8 +217,8 @@ def _checked_unit(
 
 
 def _cst_columns(header: str) -> list[Column | None]:
-    """Return the columns in the header of a CST table, None for each unknown column."""
-    # Abs(Theta) and Abs(Phi) have the quantity of the total column, such as Abs(Dir.).
+    """Return the columns in the header of a CST table, and None for each unknown column."""
+    # The columns Abs(Theta) and Abs(Phi) have the quantity of the total column, such as Abs(Dir.).
     titles: list[tuple[str, str | None]] = re.findall(r"([^\[\]]+)\[([^\]]*)\]", header)
     titles += [(name, None) for name in header.rpartition("]")[2].split()]
     names = [re.sub(r"[\s.]", "", name).lower() for name, _ in titles]
@@ -243,14 +244,14 @@ def _check_columns(columns: Sequence[Column | None]) -> None:
             )
     if not {("theta", "", "value"), ("phi", "", "value")} <= set(contents):
         raise FileFormatError(
-            "expected the columns Theta and Phi in the header, but it does not contain both; "
-            "export both angles, and both field components with their phases"
+            "expected the columns Theta and Phi in the header, but the header does not contain "
+            "both; export both angles, and both field components with their phases"
         )
 
 
-# Intensities below this fraction of the maximum are not compared, because tables are rounded.
+# Fraction of the maximum below which intensities are not compared, because tables are rounded.
 _COMPARED = 1e-2
-# Largest level difference [dB] due to rounded tables.
+# Largest level difference [dB] that may be due to the rounding of tables.
 SAME_LEVEL = 0.1
 # GRASP omits the letter E of exponents with three digits.
 _SHORT_EXPONENT = re.compile(r"(?<=\d)([+-]\d{3})$")
@@ -261,8 +262,8 @@ Cells = Sequence[tuple[Column, Floats]]
 def numbers_of(lines: Sequence[str], first: int, columns: int) -> Floats:
     """Return the numbers in lines of text as an array (n, columns).
 
-    ``first``: number of the first line, for error messages. Raises FileFormatError for another
-    number of columns, for other text and without any numbers.
+    ``first`` is the number of the first line, for error messages. Raises FileFormatError if a line
+    has another number of columns or contains other text, or if there are no numbers.
     """
     return _number_table([line.split() for line in lines], first, columns)
 
@@ -270,7 +271,8 @@ def numbers_of(lines: Sequence[str], first: int, columns: int) -> Floats:
 def _number_table(rows: Sequence[Sequence[str]], first: int, columns: int) -> Floats:
     """Return cells of text as an array of numbers (n, columns); omit rows without text.
 
-    ``first``: line of the first row, for error messages. Raises FileFormatError as `numbers_of`.
+    ``first`` is the line number of the first row, for error messages. Raises FileFormatError like
+    `numbers_of`.
     """
     values: list[list[float]] = []
     for number, cells in enumerate(rows, start=first):
@@ -298,7 +300,7 @@ def _tables_of(
 ) -> Iterator[FarFieldTable]:
     """Yield the far field at each frequency in a table of numbers.
 
-    ``frequency``: frequency in Hz of a table without a frequency column.
+    ``frequency`` is the frequency in Hz of a table without a frequency column.
     """
     known = [(c, values[:, k]) for k, c in enumerate(columns) if c is not None]
     axes = {c.quantity: c.unit.scale * v for c, v in known if c.part == "value"}
@@ -316,7 +318,7 @@ def _tables_of(
 def _field_of(name: str, cells: Cells) -> tuple[Complex, list[Column]]:
     """Return E_theta or E_phi times the distance in V, and the columns that determine it.
 
-    ``name``: "theta" or "phi". Raises FileFormatError if magnitude or phase is missing.
+    ``name`` is "theta" or "phi". Raises FileFormatError if magnitude or phase is missing.
     """
     parts = {(c.quantity, c.part): (c, v) for c, v in cells if c.component == name}
     if ("field", "real") in parts and ("field", "imaginary") in parts:
@@ -326,10 +328,10 @@ def _field_of(name: str, cells: Cells) -> tuple[Complex, list[Column]]:
     if not sizes or not phases:
         raise FileFormatError(
             f"expected columns of E_{name} with real and imaginary part, or with magnitude and "
-            f"phase, got {'a magnitude' if sizes else 'a phase' if phases else 'none'} only; "
+            f"phase, got {'only a magnitude' if sizes else 'only a phase' if phases else 'none'}; "
             "export the components along theta and phi with their phases"
         )
-    # Preferred quantity: field, intensity, directivity, gain.
+    # The order of preference is field, intensity, directivity, gain.
     size, values = min(sizes, key=lambda pair: list(_UNITS).index(pair[0].quantity))
     phase, angles = phases[0]
     absolute = np.sqrt(2 * FREE_SPACE * size.intensity(values))
@@ -497,8 +499,8 @@ def _grasp_cuts(lines: list[str]) -> Iterator[FarFieldTable]:
 def _from_grasp(kind: int, pair: Complex, phi: Floats) -> Complex:
     """Convert components (2, n) of a GRASP file to E_theta and E_phi.
 
-    ``kind``: ICOMP, 1 for theta and phi, 2 for right- and left-handed, 3 for co- and cross-polar.
-    ``phi`` (n,) is in rad.
+    ``kind`` is the number ICOMP in the file: 1 for components along theta and phi, 2 for right- and
+    left-handed, 3 for co- and cross-polar components. ``phi`` (n,) is in rad.
     """
     if kind == 1:
         return pair

@@ -70,7 +70,7 @@ def far_field(
     """Return the far field of a source in directions s (..., 3) (RP1).
 
     The far field is the limit of ``r exp(-i k r) U(r s)`` at large distances r, in m times the unit
-    of the source's field. It is zero at z < 0.
+    of the source's field. The far field is zero at z < 0.
     """
     nu, cosine = directions[..., :2] / wavelength, directions[..., 2]
     front = np.maximum(cosine, 0.0)
@@ -81,7 +81,8 @@ def far_field(
         spectrum = fourier(source, nu, precision=precision, engine=engine)
         total = np.asarray(factor * spectrum, np.complex128)
     if condition.needs_normal_derivative:
-        # If all waves graze the plane, the normal derivative is zero.
+        # If all waves graze the plane, times_direction_cosine raises an error. The normal
+        # derivative is then zero.
         with suppress(IlluminationError):
             slopes = times_direction_cosine(source, wavelength)
             spectrum = fourier(slopes, nu, precision=precision, engine=engine)
@@ -184,7 +185,7 @@ def _intensity(
 # Smallest number of samples along a direction cosine, enough for the obliquity factor of small
 # sources.
 _LEAST_STEPS = 16
-# Directions per block, some megabytes.
+# Number of directions per block, which takes some megabytes.
 _BLOCK = 1 << 17
 # Largest number of directions in a search of the whole hemisphere, which takes a tenth of a second.
 _MOST = 1 << 20
@@ -200,7 +201,7 @@ class FarField:
     """The far field of a source as a function of direction."""
 
     source: PlaneSource | Wavefront | None
-    """Source, None for a table."""
+    """Source of the far field; None for a table."""
     wavelength: float
     """Wavelength in m."""
     at: Callable[..., Values]
@@ -235,7 +236,7 @@ class FarField:
 
     @cached_property
     def beam(self) -> tuple[float, float, float]:
-        """Largest |E|^2 in front of the plane in W/sr, and theta and phi of its direction.
+        """Largest |E|^2 [W/sr] in front of the plane, and theta and phi [rad] of its direction.
 
         Among equal maxima, the direction with the smallest theta, then the smallest phi, is used.
         """
@@ -293,10 +294,10 @@ class FarField:
 
 
 # The spectrum |F|^2 of a source of width D is at least cos^2(pi d D) times the peak at the distance
-# d from the peak, along an axis. This is a lower bound on the sample next to the largest peak.
-# _WINDOW is the number of samples on each side of the centre of the search window, and the factor
-# by which the window shrinks in each of _ROUNDS rounds. The position of the peak is accurate to
-# 4^-8 steps. The height varies quadratically and is accurate to about 1e-9.
+# d from the peak, along an axis. This value is a lower bound on the sample next to the largest
+# peak. _WINDOW is the number of samples on each side of the centre of the search window, and the
+# factor by which the window shrinks in each of _ROUNDS rounds. The position of the peak is accurate
+# to 4^-8 steps. The height varies quadratically and is accurate to about 1e-9.
 _WINDOW, _ROUNDS = 4, 8
 _EQUAL = 1e-9
 # Largest number of samples from which a local search starts.
@@ -308,8 +309,8 @@ def _near_peak(
 ) -> tuple[Floats, Floats]:
     """Return samples that may lie next to the largest peak, in descending order of values.
 
-    Points have the shape (n, 2), values (n,). The product of ``step`` and ``width`` (source width
-    in wavelengths) is at most 1/2.
+    Points have the shape (n, 2), and values have the shape (n,). The product of ``step`` and
+    ``width`` (source width in wavelengths) is at most 1/2.
     """
     fraction = float(np.cos(math.pi * width * step / 2).prod()) ** 2
     best = np.argsort(-values, kind="stable")[:_MOST_REFINED]
@@ -431,10 +432,10 @@ def _array_field(
     )  # fmt: skip
 
 
-# Largest deviation [rad] of an array's phases from linear phases. Tables deviate less, and
-# quantised phase shifters more.
+# Largest deviation [rad] of an array's phases from linear phases. Phases in rounded tables deviate
+# less, and phases of quantised phase shifters deviate more.
 _LINEAR = 0.02
-# Tolerance of symmetric frequencies, as a fraction of 1/wavelength.
+# Tolerance for the symmetry of frequencies, as a fraction of 1/wavelength.
 _SYMMETRIC = 1e-6
 _MOST_WAVES = 4096
 
@@ -444,8 +445,9 @@ def steered_direction(
 ) -> tuple[float, float] | None:
     """Return theta and phi in rad to which a source is steered, or None if unknown.
 
-    This requires an array whose phases are linear apart from signs, or an aperture with a real
-    taper times a plane wave. The angles of ``beam`` select one of several grating lobes.
+    The direction is known for an array whose phases are linear apart from signs, and for an
+    aperture with a real taper times a plane wave. The angles of ``beam`` select one of several
+    grating lobes.
     """
     if source is None or isinstance(source, Wavefront):
         return None
@@ -469,7 +471,7 @@ def _phase_slope(
 ) -> Values | None:
     """Return the direction cosines (2,) to which the weights of an array are steered, or None.
 
-    The phases must be linear apart from signs. ``near`` (2,): direction cosines that select one of
+    The phases must be linear apart from signs. The direction cosines ``near`` (2,) select one of
     several grating lobes.
     """
     if len(weights) < 2:

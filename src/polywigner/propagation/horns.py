@@ -106,9 +106,9 @@ def directivity(source: PlaneSource | Wavefront, wavelength: float) -> float:
     """Return the textbook directivity of an aperture on its axis.
 
     The directivity is ``4 pi |F(0)|^2/(wavelength^2 int |u|^2)``, where F is the Fourier transform
-    of the field u. For a horn this is Balanis' formula (13-52) with Fresnel integrals. It is
-    relative to the power in the aperture, while :func:`polywigner.radiation_pattern` uses the power
-    of the far field.
+    of the field u. For a horn this is Balanis' formula (13-52) with Fresnel integrals. The
+    directivity is relative to the power in the aperture, while :func:`polywigner.radiation_pattern`
+    uses the power of the far field.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def directivity(source: PlaneSource | Wavefront, wavelength: float) -> float:
     Raises
     ------
     PolywignerError
-        As :func:`polywigner.radiant_intensity`.
+        See :func:`polywigner.radiant_intensity`.
 
     Examples
     --------

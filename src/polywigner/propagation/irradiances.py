@@ -56,7 +56,8 @@ Compute = Callable[[LightSource, float, ArrayLike], Floats]
 _TOLERANCE = 1e-3
 # Allowed error of a mean over tilts and wavelengths, as a fraction of the tolerance.
 _OF_MIXTURE = 1e-4
-# Upper limit of this error for exact fields, relative to the largest irradiance.
+# Upper limit of the error of a mean over tilts and wavelengths for exact fields, relative to the
+# largest irradiance.
 _OF_EXACT = 1e-7
 # Allowed error of fields behind obstacles, as a fraction of the tolerance.
 _OF_SHADOWS = 0.1
@@ -92,10 +93,10 @@ def irradiance(
 ) -> Floats:
     """Return the irradiance |U|^2 at points in front of a source.
 
-    Wigner rays, the method of the paper, are an approximation to leading order: each position on
-    the source's automean sends one ray to each point, with the Wigner function as radiance (R1).
-    All other methods square the field of :func:`amplitude`. The irradiance does not include the
-    cosine of the angle between the ray and the normal of a receiver.
+    Wigner rays, the method of the paper, are an approximation to leading order: each midpoint of
+    two source points sends one ray to each point, with the Wigner function as radiance (R1). All
+    other methods square the field of :func:`amplitude`. The irradiance does not include the cosine
+    of the angle between the ray and the normal of a receiver.
 
     Parameters
     ----------
@@ -147,9 +148,9 @@ def irradiance(
     Raises
     ------
     ArgumentError
-        If an argument has the wrong type, shape or range, or is a Dr.Jit array; and if the source
-        is too large for rays: wider than some hundred wavelengths for oblique points nearby, or
-        some thousand wavelengths for distant points.
+        If an argument has the wrong type, shape or range, or is a Dr.Jit array, or if the source is
+        too large for rays. The largest width is some hundred wavelengths for oblique points nearby,
+        and some thousand wavelengths for distant points.
     GeometryError
         If elements of an Array do not lie in the plane z = 0.
     EngineError
@@ -199,9 +200,9 @@ def irradiance_with_error(
         See :func:`irradiance`.
     error : ndarray of float64, shape (...)
         Estimated error of each value, in the unit of the irradiance. For rays it is the difference
-        between the last two quadrature rules. It is infinite for points so close to the source that
-        no rule resolves their rays.
-        Behind obstacles the estimate doubles the computing time.
+        between the last two quadrature rules. The error is infinite for points so close to the
+        source that no rule resolves their rays. Behind obstacles, the estimate doubles the
+        computing time.
 
     Raises
     ------
@@ -235,7 +236,7 @@ def _irradiance_and_error(
 ) -> tuple[Floats, Floats]:
     """Return the irradiance at points, and its error, with the options of :func:`irradiance`.
 
-    ``with_error``: see `field_and_error`.
+    See `field_and_error` for ``with_error``.
     """
     checked_choice(method, "method", ("wigner", *METHODS, "auto"))
     meaning = "a number above 0 and below 1"
@@ -369,7 +370,7 @@ def _tilt_mean(
     through: FirstOrder | Sequence[FirstOrder | Aperture | Array] | None,
     error: float,
 ) -> Floats | None:
-    """Return the mean irradiance and error over all tilts (2, ...) by common samples.
+    """Return irradiance and error (2, ...), averaged over all tilts with common samples.
 
     The result is None if the fields of the tilts must be computed separately.
     """

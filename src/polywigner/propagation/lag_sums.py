@@ -36,17 +36,17 @@ Channel = Floats | None
 
 # Longest lag [coherence widths]. The degree of coherence at longer lags is below 1e-10.
 _LONGEST = 6.8
-# Error of the coarsest rule for a plane wave.
+# Error of the coarsest quadrature rule for a plane wave.
 _ERROR = 1e-7
 # Highest resolved frequency of the degree of coherence, times the coherence width.
 _OF_NORMAL = 0.48
-# Additional nodes of successive rules.
+# Numbers of additional nodes of successive quadrature rules.
 _LEVELS = (0, 2, 5, 10, 18)
 # Largest number of kinks of the ambiguity function that divide the lags into cells.
 _MOST_KINKS = 2000
 # Largest number of lags behind first-order systems.
 _MOST_NODES = 1 << 20
-# Array elements per block.
+# Number of array elements per block.
 _BLOCK = 1 << 22
 
 
@@ -58,9 +58,9 @@ def _sum_over_lags(
 ) -> Floats | None:
     """Integrate the irradiance over lags; return None if successive rules do not converge.
 
-    ``irradiance(lags, weights, extra)``: contribution of lags (m, 2) with ``extra`` additional
-    nodes. ``rates`` (2,) are the highest frequencies of the integrand in 1/m, and ``error`` is
-    relative to the largest irradiance.
+    ``irradiance(lags, weights, extra)`` returns the contribution of lags (m, 2) with ``extra``
+    additional nodes. ``rates`` (2,) are the highest frequencies of the integrand in 1/m, and
+    ``error`` is relative to the largest irradiance.
     """
     previous: Floats | None = None
     for extra in _LEVELS:
@@ -83,7 +83,7 @@ def _lag_cells(source: Wavefront) -> Cells:
 
     No kink of the ambiguity function crosses a trapezoid if there are at most _MOST_KINKS kinks.
     """
-    # Kinks lie on the segments V - E of all vertices V and edges E.
+    # Kinks of the ambiguity function lie on the segments V - E for all vertices V and edges E.
     longest = _longest_lags(source)
     half = shapely.box(-longest[0], 0.0, longest[0], longest[1])
     begin, end = edges_of_rings(normal_form(source).rings)
@@ -138,16 +138,16 @@ def summed_over_lags(
     return _sum_over_lags(irradiance, cells, largest, error)
 
 
-# Computing time [ns] for each lag: per pair of source points and field point, and per vertex of the
-# overlapping outlines.
+# Computing times [ns] for each lag. _PAIR is the time for each field point and pair of source
+# points, and _CUT is the time for each vertex of the overlapping outlines.
 _PAIR, _CUT = 60.0, 2e4
-# Computing time of the two coarsest rules together, relative to the coarsest rule.
+# Computing time of the two coarsest rules together, divided by the time of the coarsest rule.
 _TWO_RULES = 2.5
 # Tilt [standard deviations] up to which plane waves must not graze the source plane.
 _GRAZING = 5.0
-# Error of means over tilts.
+# Allowed error of means over tilts.
 _MEAN_ERROR = 1e-8
-# Lags per block.
+# Number of lags per block.
 _LAGS = 256
 # Number of pairs and of field points per block, small enough for the processor's cache.
 _PAIRS, _POINTS = 1 << 12, 4
@@ -193,7 +193,7 @@ def summed_over_pairs(
     if condition.needs_normal_derivative and not is_steep:
         return None
     elements = form.in_plane.elements
-    # Bound on the second derivatives of the phase [cycles/m^2].
+    # ``bend`` is an upper bound on the second derivatives of the phase [cycles/m^2].
     bend = 1.0 / (wavelength * points[:, 2].min()) + float(np.linalg.norm(source.curvature, 2))
     largest = 2.0 * abs(form.frequencies).max(axis=0)
 
@@ -233,7 +233,8 @@ def summed_over_pairs(
                 factor = amounts * a.weight * np.conj(b.weight) * np.exp(2j * np.pi * cycles)
                 first = [factor * channel_at(a, c, x + lag / 2) for c in channels]
                 second = [np.conj(channel_at(b, c, x - lag / 2)) for c in channels]
-                # Propagation multiplies all normal derivatives by the same factor.
+                # Propagation multiplies all normal derivatives by the same factor, so their
+                # products are added.
                 mutual = np.zeros((groups, groups, len(x)), np.complex128)
                 for (i, u), (j, v) in product(enumerate(first), enumerate(second)):
                     mutual[min(i, groups - 1), min(j, groups - 1)] += degrees[i, j][lag_of] * u * v
@@ -245,7 +246,7 @@ def summed_over_pairs(
 
 
 def _degrees(channels: Sequence[Channel], lags: Floats, width: float, wavelength: float) -> Complex:
-    """Return the degrees of coherence (a, b, n) of two channels at lags xi (n, 2).
+    """Return the degrees of coherence (a, b, n) of channels a and b at lags xi (n, 2).
 
     The degrees are means of ``p_a conj(p_b) exp(2 pi i t.xi)`` over tilts t. The factor p is 1 for
     the field, and the direction cosine p_z of the tilted wave for a normal derivative. Two values
@@ -263,7 +264,7 @@ def _degrees(channels: Sequence[Channel], lags: Floats, width: float, wavelength
         ]
     )
     waves = np.exp(2j * np.pi * (lags @ tilts.T)) * weights
-    # BLAS would start threads, which takes longer than such small products.
+    # A product by BLAS would start threads, which takes longer than these small products.
     return np.asarray(np.einsum("at,bt,lt->abl", cosines, cosines.conj(), waves))
 
 
@@ -272,8 +273,9 @@ def _point_pairs(
 ) -> tuple[Floats, Floats, Indices]:
     """Return midpoints x (n, 2), weights and lag indices (n,) of pairs of points on two elements.
 
-    A pair has its points at x + lag/2 on ``first`` and x - lag/2 on ``second``. ``rates`` (m, 2):
-    highest frequencies for the lags (m, 2). ``extra``: additional nodes per side.
+    A pair has its points at x + lag/2 on ``first`` and x - lag/2 on ``second``. ``rates`` (m, 2)
+    contains the highest frequencies for the lags (m, 2), and ``extra`` is the number of additional
+    nodes per side.
     """
     ahead, behind = (np.full(len(lags), e.shape.polygons, object) for e in (first, second))
     common = shapely.intersection(shifted(ahead, -lags / 2), shifted(behind, lags / 2))
@@ -293,8 +295,8 @@ def _sum_of_waves(
 ) -> Floats:
     """Return the irradiance at points (n, 3) for pairs with mutual intensities (c, c, m).
 
-    The factor 1/wavelength^2 is omitted. ``means`` and ``lags`` (m, 2): midpoints and differences
-    of the pairs. ``k``: wavenumber in rad/m.
+    The factor 1/wavelength^2 is omitted. ``means`` and ``lags`` (m, 2) are the midpoints and
+    differences of the pairs, and ``k`` is the wavenumber in rad/m.
     """
     total = np.zeros(len(points))
 
@@ -317,7 +319,7 @@ def _sum_of_waves(
         along = dx * xi + dy * eta
         square = dx * dx + dy * dy + (z * z + 0.25 * (xi * xi + eta * eta))
         first, second = np.sqrt(square + along), np.sqrt(square - along)
-        # Avoids cancellation in the difference of distances.
+        # This form of the difference of two distances avoids cancellation.
         phase = (2 * k) * along / (first + second)
         waves = (np.cos(phase) + 1j * np.sin(phase)) / (first * second)
         terms = zip(
@@ -326,14 +328,15 @@ def _sum_of_waves(
             strict=True,
         )
         value = sum(ahead * behind * weights for (ahead, behind), weights in terms)
-        # BLAS would start threads, which takes longer than such short products.
+        # A product by BLAS would start threads, which takes longer than these short sums.
         total[block] += (waves.real * value.real - waves.imag * value.imag).sum(axis=1)
     return total
 
 
-# Pairs (edge, vertex height) per block.
+# Number of pairs (edge, vertex height) per block.
 _BATCH = 1 << 20
-# Poles at the distance d from a cell of size 2 a require _POLE/arcsinh(d/a) additional nodes.
+# Number of additional nodes for a pole at the distance d from a cell of size 2 a, multiplied by
+# arcsinh(d/a).
 _POLE = 4.0
 
 
@@ -362,7 +365,7 @@ def _trapezoids_in(
 def _between_heights(edges: Floats) -> tuple[Cells, Indices]:
     """Return the trapezoids of polygons with equal numbers of edges, and their polygon indices.
 
-    Axes of ``edges``: polygon, edge, end, coordinate.
+    The axes of ``edges`` are polygon, edge, end and coordinate.
     """
     (x, y), (end_x, end_y) = edges.transpose(2, 3, 0, 1)[..., None, :]
     heights = np.sort(y[:, 0])
@@ -381,8 +384,8 @@ def _between_heights(edges: Floats) -> tuple[Cells, Indices]:
 def node_counts(cells: Cells, rates: Floats, error: float, nearest: float = math.inf) -> Indices:
     """Return the numbers of quadrature nodes along both sides of each cell, shape (n, 2).
 
-    ``rates``: highest frequencies of the integrand along x and y in 1/m, shape (2,) or (n, 2).
-    ``nearest``: distance of its poles in m.
+    ``rates``, shape (2,) or (n, 2), contains the highest frequencies of the integrand along x and y
+    in 1/m. ``nearest`` is the distance of the poles of the integrand in m.
     """
     origin, first, second, last = cells.transpose(1, 0, 2)
     sides = np.abs([[first - origin, last - second], [second - origin, last - first]])

@@ -71,9 +71,9 @@ def _with_error(values: Floats, error: float) -> Floats:
 
 # Size of the source [coherence widths] above which sums over lags are tried first.
 _SHORT = 30.0
-# Largest lattice of shifts in a plane, and largest number of field points in all planes.
+# Largest number of lattice points in a plane, and largest number of field points in all planes.
 _MOST_IN_LATTICE, _MOST_POINTS = 1 << 24, 1 << 22
-# Array elements per block.
+# Number of array elements per block.
 _BLOCK = 1 << 22
 
 
@@ -87,7 +87,7 @@ def _in_parabolic_waves(
 ) -> Floats | None:
     """Return irradiances and errors (2, n) of Fresnel fields, or behind a first-order system.
 
-    The result is None if sums over lags do not converge, and convolutions need too many nodes.
+    The result is None if sums over lags do not converge and convolutions need too many nodes.
     """
     heights, plane_of = np.zeros(1), np.zeros(len(points), np.intp)
     systems = [system]
@@ -211,31 +211,31 @@ class _LatticeAxis(NamedTuple):
     """Lattice nodes along an axis, and their weights in the means about n points."""
 
     nodes: Floats
-    """Shape (m,)."""
+    """Coordinates of the nodes in m, shape (m,)."""
     near: Indices
     """Indices of the nodes near each point, shape (n, k)."""
     weights: Floats
-    """Shape (n, k)."""
+    """Weights of the nodes near each point, shape (n, k)."""
 
 
 def _lattice_axis(along: Floats, spread: float, extent: float, steps: float) -> _LatticeAxis:
     """Return lattice nodes along an axis, and normal weights of the nodes near each point.
 
-    ``along`` (n,): coordinates of the points. ``extent``: extent of the source in coherence widths.
-    The weights extend to ``steps`` standard deviations ``spread``, and the error is
-    exp(-steps^2/2).
+    ``along`` (n,) contains the coordinates of the points, and ``extent`` is the extent of the
+    source in coherence widths. The weights extend to ``steps`` standard deviations ``spread``, and
+    the error is exp(-steps^2/2).
     """
     # The irradiance is band-limited to extent/(2 pi spread), so the aliasing error is
     # exp(-steps^2/2).
     step = 2 * math.pi * spread / (extent + steps)
-    # No blur along this axis.
+    # Without blur along this axis, the nodes are the points themselves.
     if step <= 1e-12 * float(np.ptp(along)) or spread == 0.0:
         nodes, near = np.unique(along, return_inverse=True)
         return _LatticeAxis(nodes, near[:, None], np.ones((len(along), 1)))
     half = math.ceil(steps * spread / step)
     origin = float(along.min())
     centre = np.rint((along - origin) / step).astype(np.intp)
-    # Only the lattice nodes near a point are kept.
+    # Only the lattice nodes near a point are used.
     numbers = np.unique(np.unique(centre)[:, None] + np.arange(-half, half + 1))
     near = np.searchsorted(numbers, centre - half)[:, None] + np.arange(2 * half + 1)
     nodes = origin + step * numbers
@@ -251,13 +251,14 @@ def _lattice_axis(along: Floats, spread: float, extent: float, steps: float) -> 
 _QUADRATURE = 1e-9
 # Fraction of the largest tilt that the quadrature resolves. Larger tilts have negligible weights.
 _RESOLVED = 0.8
-# Largest number of points per quadrature rule, of elements per spectrum over tilts, and of elements
-# per block.
+# Largest numbers of points per quadrature rule, of array elements per spectrum over tilts, and of
+# array elements per block.
 _SHARED, _SPECTRUM, _BATCH = 16, 1 << 20, 1 << 16
-# Computing time [ns] of sums over tilts at one point: per node, and per row and tilt.
+# Computing times [ns] of sums over tilts at one point. _NODE is the time for each quadrature node,
+# and _TILT is the time for each pair of a row of nodes and a tilt.
 _NODE, _TILT = 60.0, 2.0
-# Computing time [ns] of boundary integrals at one point for one tilt: per wavelength of edge
-# length, and per edge.
+# Computing times [ns] of boundary integrals at one point for one tilt. _WAVELENGTH is the time for
+# each wavelength of edge length, and _EDGE is the time for each edge.
 _WAVELENGTH, _EDGE = 250.0, 1e4
 # Longest computing time [ns] of sums over pairs, per point.
 _LONGEST_TIME = 1e10
@@ -267,11 +268,11 @@ class _TiltAxis(NamedTuple):
     """Quadrature rule for tilts along an axis."""
 
     step: float
-    """In cycles per metre."""
+    """Difference of adjacent tilts in cycles per metre."""
     half: int
     """Number of positive tilts."""
     weights: Floats
-    """Normalised to 1."""
+    """Weights of the tilts, which add up to 1."""
 
     @property
     def tilts(self) -> Floats:
@@ -374,15 +375,16 @@ def _summed_over_tilts(
 
 @lru_cache(maxsize=64)
 def _trapezoids(outline: Aperture) -> Cells:
-    """Return the corners (n, 4, 2) of trapezoids that tile an outline, cached."""
+    """Return the cached corners (n, 4, 2) of trapezoids that tile an outline."""
     return trapezoids(outline.rings).corners
 
 
 def _spectra(rule: _TiltSum, points: Floats, counts: Sequence[Indices]) -> Complex:
     """Return integrals over the source, with axes (channel, t_x, t_y, point).
 
-    The first half of a tilt axis contains factors cos(2 pi x t), t >= 0, the second half sin(2 pi x
-    t). ``counts``: number of rows of constant x, and of nodes per row, for each element and cell.
+    The first half of a tilt axis contains the factors cos(2 pi x t) for t >= 0, and the second half
+    the factors sin(2 pi x t). ``counts`` contains the numbers of rows of constant x and of nodes
+    per row, for each element and cell.
     """
     along_x, along_y = rule.axes
     channels = len(rule.channels)
@@ -393,7 +395,7 @@ def _spectra(rule: _TiltSum, points: Floats, counts: Sequence[Indices]) -> Compl
         rules = cell_rules(_trapezoids(element.outline), of_element)
         for nodes, weights in (pair for _, *parts in rules for pair in zip(*parts, strict=True)):
             x, y = nodes[:, 0, 0] - centre[0], nodes[..., 1] - centre[1]
-            # All rows of a rectangle share their y coordinates.
+            # All rows of a rectangle have the same y coordinates, so a single row is sufficient.
             rows = y if np.ptp(y, axis=0).any() else y[:1]
             inner = np.empty((channels, len(x), *halves[1:]), np.complex128)
             columns = channels * len(points) + (along_y.half if len(rows) > 1 else 0)
@@ -415,7 +417,8 @@ def _integrand(
     px, py, z = points.T
     squares = (nodes[..., :1] - px) ** 2 + (nodes[..., 1:] - py) ** 2
     distance = np.sqrt(squares + z * z)
-    # R - z without cancellation. The constant phase of z does not change the irradiance.
+    # This form of the phase R - z avoids cancellation. The omitted phase z is constant and does not
+    # change the irradiance.
     waves = waves_of_cycles(squares / ((distance + z) * wavelength)) / (1j * distance)
     waves *= (weights / wavelength)[..., None]
     samples = []

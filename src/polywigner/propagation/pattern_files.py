@@ -56,14 +56,14 @@ from polywigner.source.polarisation import checked_polarisation
 if TYPE_CHECKING:
     import xarray
 
-# Relative tolerance for matching a requested frequency.
+# Relative difference up to which a frequency in a file matches the requested frequency.
 _SAME_FREQUENCY = 1e-3
 # Largest difference [dB] between the stated and the integrated directivity. Missing directions and
 # coarse steps cause smaller differences.
 _CONTRADICTION = 1.0
 # Largest relative difference between repeated fields, such as at phi = 0 and 360 degrees.
 _SAME_FIELD = 1e-3
-# Meridians required to integrate the radiated power.
+# Smallest number of meridians for the integral of the radiated power.
 _LEAST_MERIDIANS = 8
 
 
@@ -109,16 +109,16 @@ def read_pattern(path: str | os.PathLike[str], frequency: float | None = None) -
         is NaN. Frequency and wavelength are NaN if the file does not contain a frequency.
 
         For .msi and .pln files, ``directivity`` is the gain over theta from -180 to 180 degrees at
-        phi = 0 (horizontal) and 90 degrees (vertical). There is no ``field``, and the radiated
-        power is NaN.
+        phi = 0 (horizontal) and 90 degrees (vertical). These datasets contain no ``field``, and
+        their radiated power is NaN.
 
     Raises
     ------
     FileFormatError
-        If the file is missing, larger than 64 MiB, of another format, or damaged. If a unit is not
+        If the file is missing, larger than 64 MiB, of another format, or damaged; if a unit is not
         supported, columns contradict each other, angles do not cover the front, or fields are not
-        finite or all zero. If the file contains several frequencies and ``frequency`` is not
-        specified, or if it does not contain ``frequency``.
+        finite or all zero; or if the file contains several frequencies and ``frequency`` is not
+        specified or not among them.
     ArgumentError
         If the path or the frequency is invalid.
 
@@ -126,7 +126,7 @@ def read_pattern(path: str | os.PathLike[str], frequency: float | None = None) -
     -----
     PolywignerWarning
         If the directivity in the file differs by more than 0.1 dB from the directivity that follows
-        from the integral over its directions. The directivity in the file is then used. A
+        from the integral over its directions. In this case, the directivity in the file is used. A
         difference above 1 dB is an error, unless directions are missing. A warning is also issued
         if a gain exceeds the directivity, and if GAIN in an .msi file has no unit, so that dBd is
         assumed.
@@ -162,8 +162,8 @@ def _read(
 ) -> xarray.Dataset:
     """Read a pattern at ``frequency`` in Hz, within a relative ``tolerance``.
 
-    ``frequency``: None for the only frequency of the file. Raises FileFormatError for invalid
-    files.
+    A ``frequency`` of None selects the only frequency of the file. Raises FileFormatError for
+    invalid files.
     """
     file = checked_path(path)
     try:
@@ -182,8 +182,8 @@ def _at_frequency(
 ) -> FarFieldTable:
     """Return the far field nearest to a frequency in Hz, or the only one for None.
 
-    A table without a frequency gets this frequency. Raises FileFormatError if the relative
-    difference exceeds ``tolerance``.
+    A table without a frequency is returned with this frequency. Raises FileFormatError if the
+    relative difference exceeds ``tolerance``.
     """
     if not tables:
         raise FileFormatError("the file contains no far field")
@@ -257,8 +257,8 @@ def _attributes(
 def _folded(theta: Floats, phi: Floats, fields: Complex) -> tuple[Floats, Floats, Complex]:
     """Convert directions in degrees to theta from 0 to 180 and phi from 0 to below 360.
 
-    The components (2, n) along theta and phi change sign if theta is folded. Each pole is then
-    repeated at phi + 180.
+    The components (2, n) along theta and phi change sign if theta is folded. Directions at the
+    poles are repeated at phi + 180.
     """
     # The unit vectors along theta and phi change sign between (-theta, phi) and (theta, phi + 180).
     theta = theta.round(6) % 360
@@ -275,8 +275,8 @@ def _folded(theta: Floats, phi: Floats, fields: Complex) -> tuple[Floats, Floats
 def _gridded(theta: Floats, phi: Floats, fields: Complex) -> tuple[Floats, Floats, Complex]:
     """Return theta (n,) and phi (m,) in rad, and field components (2, n, m) on their grid.
 
-    Arguments: angles (k,) in degrees and fields (2, k). Raises FileFormatError if a direction of
-    the grid is missing, or has two different fields.
+    The arguments are angles (k,) in degrees and field components (2, k). Raises FileFormatError if
+    a direction of the grid is missing, or has two different fields.
     """
     polar, row = np.unique(theta, return_inverse=True)
     azimuth, column = np.unique(phi, return_inverse=True)
@@ -358,7 +358,8 @@ def _msi_pattern(lines: list[str]) -> xarray.Dataset:
         raise FileFormatError(
             "expected the same angles in the horizontal and the vertical cut, got different angles"
         )
-    # File angles increase to the right and downwards, seen from behind the antenna with y up.
+    # The angles in a file increase to the right and downwards, as seen from behind the antenna with
+    # y up.
     theta = np.where(angles > 180, 360 - angles, -angles)
     levels = gain - np.stack([attenuation for _, attenuation in cuts], axis=1)
     back = np.flatnonzero(theta == -180)
@@ -402,15 +403,15 @@ class _Pattern:
     """A pattern with the angles, units and phases of files."""
 
     theta: Floats
-    """In degrees, shape (n,)."""
+    """Angles theta in degrees, shape (n,)."""
     phi: Floats
-    """In degrees, shape (m,)."""
+    """Angles phi in degrees, shape (m,)."""
     directivity: Floats
-    """In dBi, shape (n, m)."""
+    """Directivity in dBi, shape (n, m)."""
     components: tuple[Complex, Complex]
     """E_theta and E_phi in V with phases exp(+j omega t - j k r), shapes (n, m)."""
     about: dict[str, float]
-    """In Hz, W and dBi."""
+    """Numerical attributes of the pattern in Hz, W and dBi."""
 
     def rows(self, *columns: Floats) -> Iterator[tuple[float, ...]]:
         """Yield phi, theta (degrees) and the values of columns (n, m); theta varies fastest."""
@@ -454,14 +455,14 @@ def write_pattern(
     Parameters
     ----------
     pattern : xarray.Dataset
-        Result of :func:`radiation_pattern`, or a selection of its angles. Files have angles in
+        Result of :func:`radiation_pattern`, or a selection of its angles. Angles are written in
         ascending order.
     path : path
         Path of the file, whose suffix selects the format. The file is written completely or not at
         all.
     polarisation : {"y", "x"}, default "y"
-        Direction of the electric field on the aperture of a scalar pattern. Not allowed for a
-        polarised pattern.
+        Direction of the electric field on the aperture of a scalar pattern. The argument is not
+        allowed for a polarised pattern.
     efficiency : float, default 1
         Radiated power divided by accepted power, for the gain in .msi and .pln files.
 
@@ -493,7 +494,7 @@ def write_pattern(
 
 
 def _file_pattern(pattern: Any, polarisation: Any, efficiency: float) -> _Pattern:
-    """Return a pattern as files contain it; raise ArgumentError for invalid arguments."""
+    """Return a pattern in the form of files; raise ArgumentError for invalid arguments."""
     checked_pattern(pattern)
     if "field" not in pattern:
         raise ArgumentError(
@@ -564,7 +565,7 @@ def _ffd_lines(pattern: _Pattern) -> Lines:
 def _grasp_lines(pattern: _Pattern) -> Lines:
     """Yield the lines of polar cuts in the format of GRASP."""
     step = _even_step("theta", pattern.theta, ".cut")
-    # |E|^2 is the directivity 4 pi |rE|^2/(2 Z0)/P.
+    # GRASP fields are scaled so that |E|^2 is the directivity 4 pi |rE|^2/(2 Z0)/P.
     scale = math.sqrt(4 * math.pi / (2 * FREE_SPACE * pattern.about["radiated_power"]))
     for j, phi in enumerate(pattern.phi):
         yield f"polywigner, {pattern.about['frequency']:.12g} Hz, phi = {phi:.9g} deg"
@@ -587,11 +588,11 @@ def _msi_lines(pattern: _Pattern) -> Lines:
     yield f"GAIN {pattern.about['gain']:.3f} dBi"
     yield "TILT ELECTRICAL"
     yield "COMMENT far field of an aperture, y axis up"
-    # File angles increase to the right and downwards, seen from behind the antenna.
+    # The angles in a file increase to the right and downwards, as seen from behind the antenna.
     for name, phi in (("HORIZONTAL", 0.0), ("VERTICAL", 90.0)):
         theta, levels = _full_cut(pattern, phi)
         yield f"{name} 360"
-        # 0, -1, ..., -179, 180, 179, ..., 1 degrees.
+        # The angles theta are 0, -1, ..., -179, 180, 179, ..., 1 degrees.
         angles = 180.0 - (np.arange(360) + 180) % 360
         front = np.where(np.abs(angles) > 90, FLOOR, np.interp(angles, theta, levels))
         for degrees, level in enumerate(front):

@@ -48,12 +48,12 @@ _OPPOSITE = 1e-6
 _STEPS_PER_LOBE = 64
 # Smallest and largest number of samples per half circle.
 _LEAST_STEPS, _MOST_STEPS = 360, 32768
-# Interpolated samples per angular step of a table.
+# Number of interpolated samples per angular step of a table.
 _STEPS_PER_ANGLE = 4
-# If the level along the normal is within this difference [dB] of the beam, the great circles are
+# Largest level difference [dB] between the beam and the normal for which the great circles are
 # along x and y.
 _NORMAL = 0.1
-# Meridians required for interpolation over phi.
+# Smallest number of meridians for interpolation over phi.
 _LEAST_MERIDIANS = 8
 # Rounding error of z on the horizon.
 _HORIZON = 1e-15
@@ -76,10 +76,11 @@ def radiation_pattern(
     The far field E is the sum of ``sqrt(g) F/(i wavelength)`` over the plane waves of the source's
     field u, where g is the obliquity factor and F the transform of :func:`fourier`. The directivity
     is ``4 pi |E|^2/P``, where P is the integral of |E|^2 over the hemisphere (docs/patterns.md).
-    For |u|^2 in W/m^2, |E|^2 is in W/sr. There is no backward radiation.
+    For |u|^2 in W/m^2, |E|^2 is in W/sr. The backward radiation is zero.
 
     With a ``polarisation``, E is the electric field (VP2), which is split into a co- and a
-    cross-polar part by Ludwig's third definition (VP3). The directivity includes both parts.
+    cross-polar part by Ludwig's third definition (VP3). The directivity includes the co-polar and
+    the cross-polar part.
 
     Parameters
     ----------
@@ -107,8 +108,8 @@ def radiation_pattern(
         :func:`phased_array`: a result of :func:`read_pattern`, or of this function with a
         polarisation. Each position of the array is the origin of the far field of one element. The
         radiated power includes backward radiation of the elements, and the aperture power is NaN.
-        ``polarisation`` then only defines the co-polar part, by default as the polarisation of the
-        beam.
+        With an element pattern, ``polarisation`` only defines the co-polar part. By default it is
+        the polarisation of the beam.
     precision, engine : str, optional
         See :func:`fourier`.
 
@@ -180,7 +181,7 @@ def beam_cuts(
     xarray.Dataset
         The variables and attributes of :func:`radiation_pattern` over ``cut`` and ``angle``. The
         names in ``cut`` are "meridian" and "across", or "x" and "y". ``angle`` is the angle from
-        the beam in rad, with 64 steps per lobe. It is positive towards larger theta on the
+        the beam in rad, with 64 steps per lobe. The angle is positive towards larger theta on the
         meridian, and towards larger phi on the other circle. The coordinates ``theta`` and ``phi``
         are the directions in rad, and ``azimuth`` contains the azimuths of the tangents at the
         beam. Values behind the plane are NaN.
@@ -188,7 +189,7 @@ def beam_cuts(
     Raises
     ------
     PolywignerError
-        As :func:`radiation_pattern`.
+        See :func:`radiation_pattern`.
 
     Examples
     --------
@@ -274,7 +275,7 @@ def _dataset(
 def jones_of(components: tuple[Values, Values]) -> Values:
     """Return the unit Jones vector (2,) of two complex numbers, the field along x and along y.
 
-    Its phase makes the larger component real and positive.
+    The phase of the vector makes the larger component real and positive.
     """
     larger = components[int(abs(components[1]) > abs(components[0]))]
     return checked_polarisation(np.stack(components) / larger)
@@ -307,7 +308,7 @@ def vector_dataset(
 def decibels(intensity: Values, power: float) -> Values:
     """Convert intensities in W/sr to directivities in dBi, minus infinity for zero.
 
-    ``power``: radiated power in W.
+    ``power`` is the radiated power in W.
     """
     with np.errstate(divide="ignore"):
         return np.asarray(10 * np.log10(4 * math.pi / power * intensity))
@@ -381,8 +382,8 @@ def checked_pattern(pattern: Any) -> tuple[Floats, Floats, Floats, dict[str, flo
     theta, phi, levels, about = _checked_levels(pattern, ("theta", "phi"))
     if np.isnan(levels).any():
         raise ArgumentError(
-            "the pattern contains NaN at some angles; expected numbers, or minus infinity "
-            "without radiation"
+            "the pattern contains NaN at some angles; expected numbers, or minus infinity in "
+            "directions without radiation"
         )
     return theta, phi, levels, about
 
@@ -401,7 +402,7 @@ def _checked_levels(
 def _cross_levels(
     pattern: Any, axes: tuple[str, str], about: dict[str, float], levels: Floats
 ) -> Floats:
-    """Return the cross-polar directivity in dBi; for a scalar pattern, ``levels`` stands in."""
+    """Return the cross-polar directivity in dBi; for a scalar pattern, return ``levels``."""
     if "cross_field" not in pattern:
         return levels
     values = pattern["cross_field"].transpose(*axes).values
@@ -420,8 +421,8 @@ def front_of(theta: Floats, levels: Floats) -> tuple[Floats, Floats]:
 def cuts_of(theta: Floats, phi: Floats, levels: Floats) -> Iterator[tuple[float, Floats, Floats]]:
     """Yield phi, theta and levels of each meridian, in ascending theta, from levels (n, m).
 
-    If theta is never negative, columns at phi and phi + pi are joined, the latter as negative
-    theta.
+    If theta is never negative, columns at phi and phi + pi are joined, and theta is negative in the
+    second column.
     """
     order = np.argsort(theta)
     has_both_signs = theta.min() < -_SAME_ANGLE
@@ -475,7 +476,7 @@ def cuts_in(pattern: Any) -> list[Cut]:
 def circles_through_beam(pattern: Any) -> list[Cut]:
     """Interpolate a pattern along two perpendicular great circles through its peak.
 
-    Returns an empty list unless the pattern has a field over the hemisphere in even steps.
+    The list is empty unless the pattern has a field over the hemisphere in even steps.
     """
     theta, phi, _, about = checked_pattern(pattern)
     polar, azimuths = np.unique(theta), np.unique(phi.round(12) % (2 * math.pi))

@@ -55,7 +55,8 @@ def angle_axes(**angles: Floats) -> dict[str, xarray.Variable]:
 def unit_vectors(theta: Floats, phi: Floats) -> Floats:
     """Return unit vectors (n, m, 3) at angles theta (n,) and phi (m,) in rad."""
     sine, cosine = np.sin(theta)[:, None], np.cos(theta)[:, None]
-    # In floating point, cos(pi/2) is 6e-17, but the horizon belongs to both the front and the back.
+    # The horizon belongs to both the front and the back, so the cosine must be 0 there. In floating
+    # point, cos(pi/2) is 6e-17.
     cosine = np.where(np.abs(cosine) < 1e-15, 0.0, cosine)
     parts = np.broadcast_arrays(sine * np.cos(phi), sine * np.sin(phi), cosine)
     return np.stack(parts, axis=-1)
@@ -81,7 +82,7 @@ METHODS: tuple[str, ...] = get_args(Method)
 DEFAULT_TOLERANCE = 1e-9
 """Default relative error of fields."""
 
-# Smallest tolerance: some tens of rounding errors.
+# Smallest tolerance, some tens of times a rounding error.
 _LEAST = 1e-13
 
 
@@ -124,7 +125,7 @@ def tolerance_from(
 def warn_of_missed(errors: Floats, allowed: Floats, what: str) -> None:
     """Warn if estimated errors (n,) are NaN or exceed the allowed errors (n,).
 
-    ``what``: plural noun for the values in the message, such as "points".
+    ``what`` is a plural noun for the values in the message, such as "points".
     """
     missed = ~(errors <= allowed)
     if missed.any():
@@ -158,7 +159,7 @@ class Grid:
 def _affine(origin: Floats, directions: Floats, *along: Floats) -> Floats:
     """Return points (n, m, ..., 3) for all combinations of distances along unit vectors (k, 3).
 
-    ``along``: k arrays (n,), (m,), ... of distances from the origin.
+    ``along`` contains k arrays (n,), (m,), ... of distances from the origin.
     """
     steps = (a[..., None] * e for a, e in zip(np.ix_(*along), directions, strict=True))
     return np.asarray(sum(steps, origin))
@@ -172,7 +173,8 @@ def _spherical(centre: Floats, radius: float, theta: Floats, phi: Floats) -> Flo
 def box_grid(box: Any, shape: Any) -> Grid:
     """Return a grid over x, y and z in a box, faces included.
 
-    ``box`` (2, 3): lowest and highest corner in m, with z > 0. ``shape``: three numbers of points.
+    ``box`` (2, 3) contains the lowest and the highest corner in m, with z > 0. ``shape`` contains
+    the numbers of points along the three axes.
     """
     low, high = _corners("box", box, "lowest and the highest")
     if (high < low).any():
@@ -189,8 +191,8 @@ def plane_grid(where: Any, shape: Any) -> Grid:
     """Return a grid on a rectangle with z > 0, specified by a flat box or by three corners, in m.
 
     The axes are two of x, y and z for a box (2, 3). For corners (3, 3), the axes are the distances
-    u and v from the first corner towards the second and the third corner. ``shape``: numbers of
-    points along both axes.
+    u and v from the first corner towards the second and the third corner. ``shape`` contains the
+    numbers of points along both axes.
     """
     expected = "expected a plane as a box (2, 3) of zero thickness, or as three corners (3, 3)"
     corners = finite_array(where, f"{expected}, in metres", (2, 3), (3, 3))
@@ -221,7 +223,7 @@ def plane_grid(where: Any, shape: Any) -> Grid:
 def line_grid(ends: Any, samples: Any) -> Grid:
     """Return a grid of points along a line, over the distance in m from its first end.
 
-    ``ends`` (2, 3) are in m. ``samples``: number of points, both ends included.
+    ``ends`` (2, 3) are in m. ``samples`` is the number of points, both ends included.
     """
     start, end = _corners("line", ends, "first and the last")
     length = float(np.linalg.norm(end - start))
@@ -252,7 +254,8 @@ def _affine_grid(
 ) -> Grid:
     """Return a grid of points from an origin and distances along unit vectors (k, 3).
 
-    ``spans``: name, first value, last value and number of points of each axis, in m.
+    ``spans`` contains the first value in m, the last value in m, and the number of points of each
+    axis, by name.
     """
     axes = {
         name: labelled_array(_axis(*span), (name,), {"units": "m"}) for name, span in spans.items()

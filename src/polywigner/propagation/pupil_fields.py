@@ -37,8 +37,8 @@ from polywigner.transforms.pupil_gradients import (
 )
 from polywigner.transforms.xarray_arguments import takes_xarray
 
-# Largest number of pairs (node, point) per block, some tens of megabytes, and per call. About 1e9
-# pairs take a minute.
+# Largest numbers of pairs (node, point) per block and per call. A block takes some tens of
+# megabytes, and about 1e9 pairs take a minute.
 _BLOCK, _MOST = 1 << 20, 2e10
 # Number of points at which the error is estimated.
 _CHECKED = 32
@@ -208,10 +208,10 @@ def psf(
     """Return the point spread function of a lens whose pupil is the source.
 
     The point spread function is the irradiance in the focal plane due to a star on the axis,
-    divided by the power that the pupil receives from the star. Its integral over the plane is 1,
-    and its Fourier transform is :func:`otf`. For several wavelengths it is the weighted mean of the
-    point spread functions, which a broadband detector measures. For other first-order systems use
-    :func:`irradiance` with ``through``.
+    divided by the power that the pupil receives from the star. The integral of the point spread
+    function over the plane is 1, and its Fourier transform is :func:`otf`. For several wavelengths
+    it is the weighted mean of the point spread functions, which a broadband detector measures. For
+    other first-order systems use :func:`irradiance` with ``through``.
 
     Parameters
     ----------
@@ -237,7 +237,7 @@ def psf(
         Path length in m, the same at all wavelengths, in addition to the defocus. The field is a
         sum over nodes in the pupil (docs/imaging.md, (IM3)).
     weights : array_like, shape (k,), optional
-        Weights of the wavelengths, zero or more; equal by default.
+        Weights of the wavelengths, each zero or more. By default all weights are equal.
     tolerance : float, default 1e-10
         Allowed error of the field of an aberrated pupil, as a fraction of the field with all parts
         of the pupil in phase; at least 1e-13. The error is estimated by a second quadrature rule.
@@ -247,9 +247,9 @@ def psf(
     Returns
     -------
     ndarray of float64, shape (...)
-        Values in 1/m^2, zero or more. An ``xarray.DataArray`` of points gives a DataArray. A
-        :func:`differentiable` pupil, or an aberration with Dr.Jit coefficients, gives a Dr.Jit
-        ``Float`` with derivatives.
+        Values in 1/m^2, zero or more. If ``points`` is an ``xarray.DataArray``, the result is a
+        DataArray. A :func:`differentiable` pupil, or an aberration with Dr.Jit coefficients, gives
+        a Dr.Jit ``Float`` with derivatives.
 
     Raises
     ------

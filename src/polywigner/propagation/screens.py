@@ -29,13 +29,14 @@ _RULE = EdgeRule.of(8.0, 100, 14)
 # Error of the quadrature rule, relative to the incident field. The largest error for 40,000 random
 # edges was 1e-13.
 _ERROR = 2e-13
-# Displacement off shadow boundaries, relative to the source distance, and its direction.
+# Size of the displacement off shadow boundaries, relative to the source distance, and direction of
+# the displacement.
 _SHIFT, _ASIDE = 1e-14, np.array([0.57, 0.31, 0.76])
 # On a line through the source and a corner, the edge waves diverge and their sum loses digits.
 # Within _AT_CORNER of such a line, the field is replaced by the mean at two points _BESIDE_CORNER
 # away. Both lengths are relative to the source distance.
 _AT_CORNER, _BESIDE_CORNER = 1e-10, 1e-9
-# Pairs (point, edge) per block, a few MB.
+# Number of pairs (point, edge) per block, which take a few MB.
 _PAIRS = 1 << 15
 
 
@@ -54,8 +55,8 @@ def waves_through(
     """Return the field (n,) of a point source behind an opening, and its error (B9).
 
     The opening lies at z = 0, and the source, with the field exp(ikR)/R, at z < 0. Lengths are in
-    m, and the field is in 1/m. ``mirrored`` (-1, 0 or 1): factor of the edge waves of the source's
-    mirror image.
+    m, and the field is in 1/m. ``mirrored`` is the factor -1, 0 or 1 of the edge waves of the
+    source's mirror image.
     """
     begin, end = (points / wavelength for points in edges_of_rings(opening.rings))
     start, stop = ((*edge.T[..., None], 0.0) for edge in (begin, end))

@@ -62,9 +62,9 @@ DEFAULT_TOLERANCE = 1e-6
 """Default relative error behind obstacles, far below the error of the black-edge model."""
 LEAST_TOLERANCE = 1e-8
 
-# Rows: smallest tolerance, quadrature rule, and coarser rule for the error estimate. The largest
-# relative errors of the two rules on 40,000 random edges are 1.5e-6 and 2e-5 for the first row,
-# 5e-9 and 3e-7 for the second, and 4e-10 and 2e-7 for the third.
+# Each row contains the smallest tolerance, the quadrature rule, and a coarser rule for the error
+# estimate. The largest relative errors of the two rules on 40,000 random edges are 1.5e-6 and 2e-5
+# for the first row, 5e-9 and 3e-7 for the second, and 4e-10 and 2e-7 for the third.
 _RULES = (
     (1e-4, EdgeRule.of(1.0, 12, 5), EdgeRule.of(1.0, 10, 4)),
     (1e-6, EdgeRule.of(2.0, 24, 5), EdgeRule.of(2.0, 20, 5)),
@@ -76,11 +76,13 @@ _OF_GRID = 0.1
 _OF_NODES = 0.15
 # Direction of the small displacement off shadow boundaries before visibility is tested.
 ASIDE = np.array([0.57, 0.31, 0.76])
-# Negligible lengths, as fractions of the scene's extent and of the source distance.
+# Negligible lengths. _FINE is a fraction of the scene's extent, and _ROUNDED is a fraction of the
+# source distance.
 _FINE, _ROUNDED = 1e-9, 1e-14
 # Thickness of surfaces, as a multiple of the negligible length.
 _ON_SURFACE = 4.0
-# Number of pairs (edge, point) below which launching a compiled kernel takes longer than NumPy.
+# Number of pairs (edge, point) below which the launch of a compiled kernel takes longer than the
+# computation with NumPy.
 _FEW = 10_000
 # Distances from the line through the source and a corner, divided by the square root of the source
 # distance [square root of a wavelength]. Derivatives lose digits at distances below _CORNER, but
@@ -142,8 +144,9 @@ def diffracted(
 ) -> tuple[Complex, Complex, Floats]:
     """Return the change by bodies, the free field and the error (n,) at positions (n, 3).
 
-    All lengths are in wavelengths. ``seen``: silhouette for each source point. With ``is_sheet``,
-    the edges belong to a conducting sheet. The error is zero unless ``with_error`` is true.
+    All lengths are in wavelengths. ``seen`` contains the silhouette for each source point. If
+    ``is_sheet`` is true, the edges belong to a conducting sheet. The error is zero unless
+    ``with_error`` is true.
     """
     rule, coarser = next(rules for least, *rules in _RULES if tolerance >= least)
     edges = _Edges.of(bodies, sources, seen, positions)
@@ -172,9 +175,9 @@ def _near_corners(
 ) -> tuple[NDArray[np.bool_], Floats]:
     """Return a mask (n,) of points in line with a source and a corner, and steps off the line.
 
-    There is one step (3,) in wavelengths for each masked point. ``views``: positions (3,) of
-    sources and the edges (m, 2, 3) visible from them. On the line, the derivatives (SB5) of both
-    edge waves diverge, and their sum loses digits.
+    The second result contains one step (3,) in wavelengths for each masked point. ``views``
+    contains the positions (3,) of sources and the edges (m, 2, 3) visible from them. On the line,
+    the derivatives (SB5) of both edge waves diverge, and their sum loses digits.
     """
     near = np.zeros(len(positions), bool)
     for origin, edges in views:
@@ -217,7 +220,8 @@ class _Edges:
     """Silhouette edges of all source points, grouped by the surfaces behind them."""
 
     groups: list[tuple[Floats, Blocker | None]]
-    """Edges (k, 17) by blocker: source point (7), both ends (6), plane of the face behind (4)."""
+    """Edges (k, 17) for each blocker. The columns are the source point (7), both ends of the edge
+    (6), and the plane of the face behind the edge (4)."""
     targets: Targets
     are_blocked: bool
 
@@ -280,8 +284,8 @@ def _summed(
 ) -> tuple[Complex, Complex, Floats]:
     """Return the change of the field by bodies, the free field and the error at the targets.
 
-    The error is zero without a ``coarser`` rule. ``few``: faster sum over a few nodes of the
-    source, if it is available.
+    The error is zero without a ``coarser`` rule. ``few`` is a faster sum over a few nodes of the
+    source, or None if it is not available.
     """
     if few is not None:
         change, free = few.change(edges.targets, rule)
@@ -345,9 +349,10 @@ def _edge(
 ) -> Values:
     """Return the change of the field by one edge for one source point, and its error (SB3), (SB5).
 
-    The three results are real part, imaginary part and error. ``row``: a row of ``_Edges.groups``.
-    ``sample``: point, displaced point, and 1 if edge angles determine visibility. For blocked
-    edges, ``sample`` also contains the thickness of surfaces and the complex transmission.
+    The three results are real part, imaginary part and error. ``row`` is a row of
+    ``_Edges.groups``. ``sample`` contains the point, the displaced point, and 1 if edge angles
+    determine visibility. For blocked edges, ``sample`` also contains the thickness of surfaces and
+    the complex transmission.
     """
     source, field, slope, start, end = row[:3], row[3:5], row[5:7], row[7:10], row[10:13]
     point, aside, by_angles = sample[:3], sample[3:6], sample[6]
@@ -374,7 +379,7 @@ def _edge(
 
 
 def _check_clearance(bodies: Obstacles, sources: Sequence[RadiatingPoint]) -> None:
-    """Raise ArgumentError if an obstacle encloses the source; warn of one within a wavelength."""
+    """Raise ArgumentError if an obstacle encloses the source; warn if an obstacle is close."""
     positions = np.array([position for position, *_ in sources])
     if bodies.inside(positions).any():
         raise ArgumentError(
@@ -393,13 +398,14 @@ def _check_clearance(bodies: Obstacles, sources: Sequence[RadiatingPoint]) -> No
 
 # ---- surfaces behind edges -----------------------------------------------------------------------
 
-# Far from the shadow boundary, the amplitude of an edge wave is 1/(_STEEP sqrt(detour)) times the
-# amplitude of the free wave, with the detour in wavelengths.
+# Ratio of the amplitude of the free wave to the amplitude of an edge wave far from the shadow
+# boundary, divided by the square root of the detour in wavelengths.
 _STEEP = 2.0 * math.pi * math.sqrt(2.0)
-# Detour [wavelengths] that attenuates doubly diffracted waves to 1/e. They only keep the field
-# continuous across the second shadow boundary.
+# Detour [wavelengths] that attenuates doubly diffracted waves to 1/e. These waves only keep the
+# field continuous across the second shadow boundary.
 _SECOND = 16.0
-# Largest number of triangles of a nonconvex blocker. Finer meshes are reduced to one face.
+# Largest number of triangles of a nonconvex surface behind an edge. Finer meshes are reduced to one
+# face.
 _MOST_TRIANGLES = 256
 
 
@@ -449,7 +455,7 @@ def transmission_over(ops: Any, source: Point, point: Point, start: Point, end: 
     The amplitude is relative to the free wave.
     """
     detour, cosine, *_ = path_over(ops, source, point, start, end)
-    # Kirchhoff's obliquity: cosine of half the bending angle.
+    # Kirchhoff's obliquity factor is the cosine of half the bending angle.
     share = ops.sqrt(ops.maximum(0.5 + 0.5 * cosine, 0.0)) / (1.0 + _STEEP * ops.sqrt(detour))
     return detour, share * ops.exp(detour * (-1.0 / _SECOND))
 
@@ -459,9 +465,9 @@ def behind_face(
 ) -> Number:
     """Return the weight d^2/(d^2 + a^2) of an edge's shadow behind a face, 0 in front of the face.
 
-    ``d`` is the depth of the point behind the face minus ``margin``, and ``a`` its distance from
-    the plane through source and edge. ``plane``: unit normal n towards the front, and the offset c
-    of the face, with n.x + c = 0.
+    The length d is the depth of the point behind the face minus ``margin``, and a is the distance
+    of the point from the plane through source and edge. ``plane`` contains the unit normal n
+    towards the front and the offset c of the face, on which n.x + c = 0.
     """
     depth = ops.maximum(-(dot(plane, point) + plane[3]) - margin, 0.0)
     normal = cross(difference(start, source), difference(end, source))
@@ -471,7 +477,8 @@ def behind_face(
     return weight
 
 
-# Groups of edges without a surface behind them, and with a surface of the same body.
+# Group indices of edges without a surface behind them, and of edges with a surface of the same body
+# behind them.
 NO_SURFACE, OWN_SURFACE = -1, -2
 
 
@@ -549,8 +556,9 @@ def _blocker(
 ) -> Blocker:
     """Return the surface of bodies behind a plane, seen from the midpoint of an edge.
 
-    ``numbers`` and ``flush`` are indices of bodies; ``flush``: adjoining bodies that continue the
-    plane. Slits between them are closed. ``plane`` (4,): unit normal and offset.
+    ``numbers`` and ``flush`` are indices of bodies. The adjoining bodies in ``flush`` continue the
+    plane, and slits between them are closed. ``plane`` (4,) contains the unit normal and the
+    offset.
     """
     if len(flush):
         nearer = plane - [0.0, 0.0, 0.0, bodies.contact]

@@ -1,8 +1,8 @@
 """Interpolation nodes that replace the equivalent points of a source behind obstacles (SB7).
 
-The ratio of the diffracted field to the free field is a smooth function of the source point. It is
-evaluated at a few nodes and interpolated by Lagrange polynomials. The result is exact in free
-space. Lengths are in wavelengths.
+The ratio of the diffracted field to the free field is a smooth function of the source point. This
+ratio is evaluated at a few nodes and interpolated by Lagrange polynomials. The result is exact in
+free space. Lengths are in wavelengths.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ EDGE_AMPLITUDE = 1.0 / (math.sqrt(8.0) * math.pi)
 """Ratio of an edge wave to the free wave, times the square root of the detour."""
 NEAR = 0.3
 # Largest estimated interpolation error for each number of nodes along x or y, relative to the
-# largest free field. Odd numbers include the centre. The estimate is four to ten times too large.
+# largest free field. Odd numbers of nodes include the centre. The estimate is four to ten times too
+# large.
 _LIMITS = {1: 1e-3, 3: 8e-3, 5: 8e-3, 7: 8e-3}
 # Relative error below which the centre alone represents the source.
 _BY_CENTRE = 5e-4
@@ -43,7 +44,7 @@ _FAR_ERROR = 5.0
 _FAR_COST = 0.1
 # Number of direction cosines along each axis in the search for the largest far field.
 _DIRECTIONS = 33
-# Pairs (edge position, source point) per block, about 100 MB.
+# Number of pairs (edge position, source point) per block, which take about 100 MB.
 _BLOCK = 1 << 21
 
 
@@ -53,7 +54,7 @@ class SourceNodes:
 
     points: Sequence[RadiatingPoint]
     positions: Floats
-    """Shape (k, 3)."""
+    """Positions of the nodes in wavelengths, shape (k, 3)."""
     fractions: Floats
     """Weight of each node for each of the n points, shape (k, n). Columns sum to 1."""
 
@@ -178,9 +179,10 @@ def interpolation_for(
 ) -> Interpolation | None:
     """Return the cheapest nodes for edges with ends (m, 2, 3), or None if too many are needed.
 
-    ``error``: largest allowed product of the error of an edge wave and the distance of the edge
-    from the source. ``overlap``: largest detour of near edges, as a multiple of the smallest detour
-    of far edges. ``is_shared``: whether all points see the same edges.
+    ``error`` is the largest allowed product of the error of an edge wave and the distance of the
+    edge from the source. ``overlap`` is the largest detour of near edges, as a multiple of the
+    smallest detour of far edges. ``is_shared`` is true if the same edges are visible from all
+    points.
     """
     every = all_points(points)
     waves = _WavesAtEdges.of(every, edges)
@@ -206,7 +208,7 @@ class _WavesAtEdges:
     distance: Floats
     """Distances from the centre of the source, shape (q,)."""
     axes: list[tuple[Floats, Complex]]
-    """For x and y: coordinates (k,) about the centre, and waves (q, k)."""
+    """Coordinates (k,) about the centre, and waves (q, k), along x and along y."""
 
     @classmethod
     def of(cls, source: SourceNodes, edges: Floats) -> _WavesAtEdges:
@@ -238,8 +240,8 @@ EdgeWave = Callable[[Floats, Floats], NDArray[Any]]
 def _relative_to_observer(detour: float, curvature: float = 0.0) -> EdgeWave:
     """Return a function that computes the edge wave relative to the wave at the observation point.
 
-    The function holds in the far field. ``detour`` is in wavelengths. ``curvature``: factor of the
-    quadratic phase of the source coordinate, 0 or 1.
+    The function holds in the far field. ``detour`` is in wavelengths. ``curvature`` is the factor,
+    0 or 1, of the quadratic phase of the source coordinate.
     """
 
     def wave(distance: Floats, at: Floats) -> Complex:
@@ -269,8 +271,8 @@ def _few_nodes(
 ) -> SourceNodes:
     """Return the smallest set of nodes whose interpolation error is allowed.
 
-    Returns ``every`` if no set is smaller. ``allowed``: largest product of the error and the
-    distance of the edge, for each number of nodes along an axis.
+    The result is ``every`` if no set is smaller. ``allowed`` contains the largest product of the
+    error and the distance of the edge for each number of nodes along an axis.
     """
     numbers = []
     for at, sums in waves.axes:

@@ -47,7 +47,7 @@ Index = tuple[int, ...]
 Block = Callable[[Index, Index], NDArray[Any]]
 """Function of the first index and the shape that computes a block of a grid."""
 Variable: TypeAlias = tuple[Block, DTypeLike, dict[str, Any]]
-"""Function that computes blocks, dtype, and attributes."""
+"""Function that computes blocks of a variable, its dtype, and its attributes."""
 Chunks: TypeAlias = int | str | Sequence[int | str | Sequence[int] | None] | Mapping[int, Any]
 """Chunk sizes in a form that dask accepts."""
 Scheduler: TypeAlias = "str | Cluster | None"
@@ -182,7 +182,8 @@ def _lazy_array(
             f"expected chunks that dask accepts: a number, a tuple of {len(shape)} numbers, or "
             f"'auto', got {chunks!r}: {error}"
         ) from None
-    # As a node of the graph, the function is sent to each worker once, with its caches.
+    # dask sends a node of the graph to each worker only once, together with the caches of the
+    # function.
     node = required("dask").delayed(block, traverse=False)
     options = {"chunks": sizes, "dtype": dtype, "meta": np.empty((0,) * len(shape), dtype)}
     array: dask.array.Array = arrays.map_blocks(_compute_chunk, node, compiled, threads, **options)
@@ -208,7 +209,7 @@ def _fill_store(
 ) -> None:
     """Compute the missing chunks of a store, which is created if necessary.
 
-    ``default``: dask scheduler if the option ``scheduler`` is not specified.
+    ``default`` is the dask scheduler that is used if the option ``scheduler`` is not specified.
     """
     scheduler, threads = options.get("scheduler"), options.get("threads")
     required("zarr", "dask")
@@ -267,7 +268,8 @@ def _settings_of(dataset: xarray.Dataset) -> dict[str, str]:
 
 def _create_store(folder: Path, dataset: xarray.Dataset) -> None:
     """Create a zarr store with coordinates and attributes, but without values."""
-    # Compression would halve the speed, and rounding errors do not compress.
+    # The values are not compressed, because compression would halve the speed, and rounding errors
+    # do not compress.
     encoding: dict[Any, Any] = {
         name: {"compressors": (), "fill_value": array.dtype.type(np.nan)}  # NaN for missing chunks
         for name, array in dataset.data_vars.items()
@@ -289,7 +291,7 @@ def _missing_tasks(folder: Path, dataset: xarray.Dataset) -> list[Any]:
     tasks = []
     for name, array in dataset.data_vars.items():
         path, meta = folder.absolute() / str(name), np.empty((0,) * array.ndim)
-        # dask fuses computing and writing a chunk.
+        # dask computes and writes a chunk in a single task.
         blocks = array.data.map_blocks(_write_region, path=path, meta=meta).to_delayed()
         for index in np.ndindex(blocks.shape):
             if not path.joinpath("c", *map(str, index)).is_file():
@@ -345,7 +347,8 @@ def write_netcdf(dataset: Stored, path: str | os.PathLike[str]) -> None:
     Parameters
     ----------
     dataset : xarray.Dataset, xarray.DataArray or path
-        Dataset in memory or lazy, or the path of a zarr store. It may be larger than memory.
+        Dataset in memory or lazy, or the path of a zarr store. The dataset may be larger than
+        memory.
     path : path
         Path of the file. An existing file is replaced. The file is written completely or not at
         all.

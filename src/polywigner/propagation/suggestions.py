@@ -29,7 +29,7 @@ from polywigner.source import Array
 from polywigner.transforms import PhaseSpaceSource
 
 Band = tuple[str, str, float, float, float, bool]
-"""Name, unit, first and last value, Nyquist step, and ``band_limited``."""
+"""Name, unit, first value, last value, Nyquist step and ``band_limited`` of an axis."""
 
 SampledQuantity = Literal[
     "fourier", "intensity", "wigner", "ambiguity", "pattern", "amplitude", "irradiance"
@@ -37,15 +37,15 @@ SampledQuantity = Literal[
 _PHASE_SPACE = ("fourier", "intensity", "wigner", "ambiguity")
 _FIELDS = ("amplitude", "irradiance")
 
-# Largest step of positions, as a fraction of the narrowest width of the source. W has the same
-# width along x.
+# Largest step of positions, as a fraction of the narrowest width of the source. Features of W along
+# x are equally narrow.
 _OF_WIDTH = 0.5
 # Largest number of samples per axis. Larger numbers indicate wrong units.
 _MOST_SAMPLES = 1 << 53
-# Largest theta, since fields are not computed in the plane z = 0.
+# Largest theta [rad], since fields are not computed in the plane z = 0.
 _GRAZING = math.radians(89.5)
-# Number of points along each box axis, theta and phi at which local frequencies are computed. Few
-# points are enough, because local frequencies vary slowly.
+# Numbers of points along each axis of a box, along theta and along phi at which local frequencies
+# are computed. Few points are enough, because local frequencies vary slowly.
 _POINTS, _THETA, _PHI = 17, 31, 24
 
 
@@ -79,8 +79,8 @@ class AxisSampling:
     band_limited: bool
     """Whether the sampling theorem holds exactly.
 
-    Otherwise the quantity has weak detail beyond its band. The detail is due to kinks at edges, and
-    to waves from points of the source without stationary phase.
+    If the value is False, the quantity has weak detail beyond its band. The detail is due to kinks
+    at edges, and to waves from points of the source without stationary phase.
     """
 
     @property
@@ -161,7 +161,7 @@ def suggest_sampling(
         Source in one plane. Slits allow only the first four quantities of the table. A Wavefront
         allows only the last three, which depend only on the bounding box.
     wavelength : float, optional
-        Wavelength in m. The first four quantities require either this or ``reach``.
+        Wavelength in m. The first four quantities require either the wavelength or ``reach``.
     quantity : str, default "intensity"
         Quantity to sample. "amplitude" and "irradiance" require ``box``, ``line`` or ``radius``.
     reach : float, default 1/wavelength
@@ -288,20 +288,21 @@ def _field_bands(
 ) -> list[Band]:
     """Return the axes for a field in a "box", on a "line" or on a hemisphere ("radius").
 
-    ``coherent``: whether to sample the amplitude, not the irradiance.
+    ``coherent`` is true for the amplitude, and false for the irradiance.
     """
     metres = 1.0  # per unit of the axis
     if kind == "box":
         axes = [np.unique(axis.values) for axis in box_grid(region, 3 * (_POINTS,)).coords.values()]
         ends = [(n, "m", float(a[0]), float(a[-1])) for n, a in zip("xyz", axes, strict=True)]
-        # Rays from the source spread most at points directly in front of it.
+        # The points include positions in front of the source, because rays from the source spread
+        # most there.
         for k in (0, 1):
             centre = (bounds[k] + bounds[k + 2]) / 2
             axes[k] = np.unique(np.append(axes[k], np.clip(centre, axes[k][0], axes[k][-1])))
         points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
         tangents = list(np.eye(3))
     elif kind == "line":
-        # Ray directions change fast where a line passes close to the source.
+        # A line requires many points, because ray directions change fast close to the source.
         grid = line_grid(region, _POINTS**2)
         points, length = grid.points((0,), grid.shape), float(grid.coords["distance"].values[-1])
         tangents = [(points[-1] - points[0]) / length]
@@ -328,7 +329,8 @@ def _field_bands(
 def _ray_directions(points: Floats, bounds: tuple[float, ...]) -> Floats:
     """Return unit vectors (n, 9, 3) from a rectangle to points (n, 3).
 
-    Rays start at the corners, at the point closest to the target, and on the sides.
+    Rays start at the corners, at the point of the rectangle closest to the target point, and on the
+    sides.
     """
     x, y = (
         np.stack(np.broadcast_arrays(low, np.clip(points[:, k], low, high), high), axis=-1)

@@ -1,9 +1,9 @@
 """Electric fields of polarised sources, from equivalent currents (VP1).
 
 A source with the scalar field u and the polarisation p is replaced by magnetic currents (an opening
-in a metal screen), by electric currents, or by half of each (Huygens). Their electric fields are
-``(q d/dz - z q.grad) Phi/(ik)`` and ``q Phi + grad (q.grad Phi)/k^2``, with the unit normal z, ``q
-= (p_x, p_y, 0)``, and the potential ``Phi = int u exp(ikR)/(i wavelength R) dx``.
+in a metal screen), by electric currents, or by half of each (Huygens). The electric fields of these
+currents are ``(q d/dz - z q.grad) Phi/(ik)`` and ``q Phi + grad (q.grad Phi)/k^2``, with the unit
+normal z, ``q = (p_x, p_y, 0)``, and the potential ``Phi = int u exp(ikR)/(i wavelength R) dx``.
 
 Phi is the second Rayleigh-Sommerfeld integral of the plane waves of u over their direction cosines
 p_z, and dPhi/dz/(ik) is the first. Derivatives along the plane become factors of the plane waves,
@@ -67,9 +67,9 @@ from polywigner.transforms.xarray_arguments import takes_xarray
 _OPS = execution.NumpyOperations()
 
 SECOND = DERIVATIVE_OF[DEFAULT]
-# Grazing waves cannot be divided by p_z. The field is analytic in the frequency, so the mean over
-# four neighbouring frequencies replaces each grazing wave. The phases of neighbours differ by this
-# angle [rad] across half of the source. The relative error is 1e-11.
+# Phase difference [rad] between neighbouring frequencies across half of the source. Grazing waves
+# cannot be divided by p_z. The field is analytic in the frequency, so the mean over four
+# neighbouring frequencies replaces each grazing wave, with a relative error of 1e-11.
 _ASIDE = 3e-3
 _MEANS = ((-2.0, -1 / 6), (-1.0, 4 / 6), (1.0, 4 / 6), (2.0, -1 / 6))
 # Rounding error of each part of a field.
@@ -193,7 +193,7 @@ def _dipole_terms(
 ) -> Complex:  # fmt: skip
     """Return the weighted fields (k, nodes, 3) of equivalent currents on k cells.
 
-    Each cell has one point in m, ``points`` (k, 3).
+    ``points`` (k, 3) contains one point in m for each cell.
     """
     nodes, weights, _ = field_at_nodes(wave, part, cells, wavelength)
     ahead = np.empty((*nodes.shape[:2], 3))
@@ -205,8 +205,8 @@ def _dipole_terms(
 def dipole_fields(ahead: Floats, q: Complex, currents: Currents) -> Complex:
     """Return the electric field of equivalent currents on one square wavelength at the origin.
 
-    ``ahead`` (..., 3): positions in wavelengths. ``q`` (3,): polarisation vector with q_z = 0. The
-    result (..., 3) is relative to the field on the source.
+    ``ahead`` (..., 3) contains positions in wavelengths, and ``q`` (3,) is the polarisation vector
+    with q_z = 0. The result (..., 3) is relative to the field on the source.
     """
     distance = np.linalg.norm(ahead, axis=-1, keepdims=True)
     s, a = ahead / distance, 0.5j / (math.pi * distance)
@@ -242,8 +242,8 @@ def _near_field(
     def integral(method: str, factor: Any) -> Complex:
         """Return the integral Phi of (VP1) for SECOND, otherwise dPhi/dz/(ik), at all points.
 
-        ``factor``: function of the direction cosines (m, 2) of plane waves, by which they are
-        multiplied.
+        ``factor`` is a function of the direction cosines (m, 2) of the plane waves, and returns the
+        factor of each wave.
         """
         scaled = (without_grazing if method == SECOND else radiator).times(
             lambda kappa: factor(kappa * wavelength)
@@ -319,12 +319,12 @@ def _not_grazing(radiator: Radiator, wavelength: float) -> Radiator:
     return replace(radiator, elements=tuple(elements))
 
 
-# Pairs (point, panel) per block, and panels per block.
+# Number of pairs (point, panel) per block, and number of panels per block.
 _PAIRS, _PANELS = 1 << 17, 1 << 14
 # Cost of a pair (point, panel), relative to the cost of an edge in a Fourier transform.
 _TERMS = 16
-# Allowed error of edge integrals, as a fraction of the tolerance. It is small because these
-# integrals may cancel.
+# Allowed error of edge integrals, as a fraction of the tolerance. The fraction is small because
+# these integrals may cancel.
 _FRACTION = 1e-2
 
 
@@ -412,7 +412,7 @@ def far_vectors(
     """Return the electric far field (..., 3) of a polarised source in directions s (..., 3) (VP2).
 
     The far field is the limit of ``r exp(-ikr) E(r s)`` at large distances r, in m times the unit
-    of u. It is zero at z < 0.
+    of u. The far field is zero at z < 0.
     """
     nu = directions[..., :2] / wavelength
     total = np.zeros(directions.shape, np.complex128)
@@ -423,9 +423,10 @@ def far_vectors(
 
 
 def far_field_of_currents(q: Complex, directions: Floats, model: str) -> Complex:
-    """Return the far field of currents, relative to the scalar one ``F/(i wavelength)`` (VP2).
+    """Return the far field of currents relative to the scalar far field F/(i wavelength) (VP2).
 
-    ``q`` (3,): polarisation vector with q_z = 0. Directions and result have the shape (..., 3).
+    ``q`` (3,) is the polarisation vector with q_z = 0. Directions and result have the shape (...,
+    3).
     """
     m, e = MODELS[model]
     up, along = np.array([0.0, 0.0, 1.0]), directions @ q[:, None]
@@ -447,7 +448,7 @@ def ludwig_components(far: Complex, directions: Floats) -> tuple[Complex, Comple
 def co_and_cross(components: tuple[Complex, Complex], jones: Complex) -> tuple[Complex, Complex]:
     """Convert components along x and y to co- and cross-polar parts (VP3).
 
-    ``jones`` (2,): unit Jones vector of the co-polar part.
+    ``jones`` (2,) is the unit Jones vector of the co-polar part.
     """
     (x, y), (p, q) = components, jones
     return p.conjugate() * x + q.conjugate() * y, p * y - q * x
@@ -456,7 +457,7 @@ def co_and_cross(components: tuple[Complex, Complex], jones: Complex) -> tuple[C
 def from_co_and_cross(co: Complex, cross: Complex, jones: Complex) -> tuple[Complex, Complex]:
     """Convert co- and cross-polar parts to components along x and y.
 
-    ``jones`` (2,): unit Jones vector of the co-polar part.
+    ``jones`` (2,) is the unit Jones vector of the co-polar part.
     """
     p, q = jones
     return p * co - q.conjugate() * cross, q * co + p.conjugate() * cross

@@ -1,7 +1,7 @@
 """Irradiance by Wigner rays (R1), to a tolerance.
 
-Gauss rules integrate the Wigner function W over triangles on the automean that no kink of W crosses
-(T1), (T2).
+The automean is the set of midpoints between any two points of the source. Gauss rules integrate the
+Wigner function W over triangles on the automean that no kink of W crosses (T1), (T2).
 """
 
 from __future__ import annotations
@@ -42,23 +42,24 @@ from polywigner.source.obliquities import DEFAULT, Forms, ObliquityName, obliqui
 from polywigner.transforms.public_transforms import energy_of
 from polywigner.transforms.wavefronts import flat_source, is_partly_coherent
 
-# Below this fraction of the largest possible irradiance (T2), the allowed error is absolute.
+# Fraction of the largest possible irradiance (T2) below which the allowed error is absolute.
 _FLOOR = 1e-3
 # Number of edges above which rays take seconds, a hundred times longer than the exact field.
 _MANY_EDGES = 50
 # Distance [wavelengths] below which rays are a rough approximation.
 _NEAREST = 2.0
 
-# Additional nodes along a side, for successive rules. Two nodes are exact on small triangles, where
-# W is quadratic.
+# Numbers of additional nodes along a side of a triangle for successive quadrature rules. Two nodes
+# are exact on small triangles, where W is quadratic.
 _LEVELS = (2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 15.0, 20.0, 28.0)
 # Number of triangles above which a rule with one additional node is used first.
 _MANY_TRIANGLES = 500
-# Largest number of nodes, 64 MiB.
+# Largest number of nodes, which take 64 MiB.
 _MOST_NODES = 1 << 22
-# Points whose highest frequencies agree within this fraction of 1/wavelength share a rule.
+# Largest difference of highest frequencies, as a fraction of 1/wavelength, for which points share a
+# quadrature rule.
 _RATE_STEP = 0.25
-# A point whose error is below this fraction of the allowed error is not refined.
+# Fraction of the allowed error below which the error of a point is not reduced further.
 _SETTLED = 0.03
 
 NodeSum = Callable[[tuple[Floats, Floats], Floats], Floats]
@@ -75,8 +76,9 @@ def irradiance_by_rays(
 ) -> tuple[Floats, Floats]:
     """Return the irradiance by Wigner rays at points (n, 3), and its estimated error, both (n,).
 
-    ``obliquity``: None for the default. ``allowed``: relative error. The estimated error is
-    absolute, and infinite if no rule resolves the rays. Warns if the allowed error is exceeded.
+    An ``obliquity`` of None selects the default. ``allowed`` is the allowed relative error. The
+    estimated error is absolute, and infinite if no rule resolves the rays. Warns if the allowed
+    error is exceeded.
     """
     condition, flat = obliquity_of(obliquity), flat_source(source)
     curved: tuple[float, ...] = ()
@@ -142,8 +144,8 @@ def irradiance_by_rays(
 def _along_rays(base: Kernel) -> Kernel:
     """Return a kernel of the irradiance along a ray (R1), from a kernel of the Wigner function.
 
-    Arguments: x, y on the source, the point X, Y, Z, wavelength, three obliquity coefficients (D2),
-    and for curved waves Q_xx, Q_xy, Q_yy and the centre.
+    The arguments are the position (x, y) on the source, the point (X, Y, Z), the wavelength, three
+    obliquity coefficients (D2), and, for curved waves, Q_xx, Q_xy, Q_yy and the centre.
     """
 
     def enter(ops: Any, frame: Any, x: Any, y: Any, *rest: Any) -> Values:
@@ -190,11 +192,11 @@ def _refined_sums(
 ) -> tuple[Floats, Floats]:
     """Return the irradiance at points and its error, from successive quadrature rules.
 
-    The allowed error is ``tolerance`` times the irradiance, or times ``floor`` (n,) if that is
-    larger. ``rate``: highest spatial frequency of the integrand in 1/m. ``clearance`` (n,):
-    distances from the source in m. Because of the complex singularities of a point at the distance
-    d, a rule with node spacing h has a relative error of exp(-2 pi d/h). Above 1/e, two wrong rules
-    may agree, so the estimated error is set to infinity.
+    The allowed error is ``tolerance`` times the irradiance, or times ``floor`` (n,) if ``floor`` is
+    larger. ``rate`` is the highest spatial frequency of the integrand in 1/m, and ``clearance``
+    (n,) contains the distances from the source in m. Because of the complex singularities of a
+    point at the distance d, a rule with node spacing h has a relative error of exp(-2 pi d/h). If
+    this error exceeds 1/e, two wrong rules may agree, so the estimated error is set to infinity.
     """
     values, errors = np.zeros(len(points)), np.full(len(points), np.inf)
     remaining = np.arange(len(points))
@@ -232,9 +234,10 @@ def _phase_rates(source: PlaneSource | Wavefront, wavelength: float, points: Flo
     return rates + float(np.linalg.norm(form.curvature, 2) * np.linalg.norm(high - low))
 
 
-# Largest number of kinks, which take some seconds, and of their intersections.
+# Largest number of kinks, whose computation takes some seconds, and largest number of their
+# intersections.
 _MOST_KINKS, _MOST_INTERSECTIONS = 1 << 16, 1 << 20
-# Number of kinks from which the number of intersections is estimated.
+# Size of the sample of kinks from which the number of intersections is estimated.
 _SAMPLE = 256
 
 
@@ -273,11 +276,14 @@ def _distinct(segments: Floats, grid: float) -> Floats:
 
 @lru_cache(maxsize=64)
 def _triangles(source: Aperture | Array) -> Triangles:
-    """Return triangles that tile the automean. No kink crosses them unless kinks are too many."""
+    """Return triangles that tile the automean.
+
+    No kink crosses a triangle unless there are too many kinks.
+    """
     segments, support = _kinks(source), mutual_support(source).polygons
     if segments is None or _intersection_count(segments) > _MOST_INTERSECTIONS:
-        # Across most kinks, the gradient of W is continuous, so errors are of fourth order in the
-        # size of the triangles.
+        # Triangles may cross kinks here. Across most kinks, the gradient of W is continuous, so
+        # errors are of fourth order in the size of the triangles.
         return quartered(triangles_of(list(support.geoms))[0])
     grid = grid_size(segments.reshape(-1, 2))
     noded = shapely.union_all(shapely.linestrings(segments), grid_size=grid)

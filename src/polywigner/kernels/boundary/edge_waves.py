@@ -36,14 +36,14 @@ Point = tuple[Any, ...]
 # Phase difference [cycles] below which the difference of two waves is computed as a product, to
 # avoid cancellation.
 _CLOSE = 0.5
-# A travelling wave grazes a point if the point is less than _LOW wavelengths above the plane and
-# the sine of its angle to the mirrored ray is less than _GRAZING.
+# Height of a point above the plane [wavelengths], and sine of its angle to the mirrored ray, below
+# which a travelling wave grazes the point.
 _LOW, _GRAZING = 1.0, 0.3
-# An evanescent wave grazes a point if it has decayed there by a factor of less than exp(2 pi _LOST)
-# = exp(pi).
+# Decay exponent of an evanescent wave, divided by 2 pi, below which the wave grazes a point. The
+# wave has then decayed by a factor of less than exp(pi).
 _LOST = 0.5
-# Distance [half-lengths of the panel] that represents "no singularity". It exceeds the largest
-# ellipse of the quadrature rules.
+# Distance [half-lengths of the panel] that represents "no singularity". A singularity at this
+# distance lies outside the Bernstein ellipses of all quadrature rules.
 _NONE = 100.0
 
 
@@ -84,9 +84,9 @@ class _Travelling:
 
         ``free`` is the unobstructed wave e at the point P. ``moment`` contains the components of p
         x (P - Q) along the panel, to its right and along z, for the direction p of the wave and the
-        start Q of the panel. It is empty for waves along z. The data are the waves e and e',
-        whether the wave grazes the point, and the moment. The bounds are a lower bound on the sine
-        of the angle to the mirrored ray, and None.
+        start Q of the panel. ``moment`` is empty for waves along z. The data are the waves e and
+        e', whether the wave grazes the point, and the moment. The first bound is a lower bound on
+        the sine of the angle to the mirrored ray, and the second bound is None.
         """
         z, pz = view.z, view.pz
         tilt = ops.minimum(pz + z / ops.maximum(view.radius_first, view.radius_last), 1.0)
@@ -115,9 +115,9 @@ class _Travelling:
     ) -> Pair:  # fmt: skip
         """Return the integrand of (B3) times R at the length t from the start of a panel.
 
-        ``edge`` is the wave E there, ``radius`` the distance R from the point, and
-        ``mirror_factor`` 1/2 - m. Fields of :class:`PanelView` and the data of :meth:`shared_data`
-        follow.
+        ``edge`` is the wave E at this length, ``radius`` is the distance R from the point, and
+        ``mirror_factor`` is 1/2 - m. The other arguments are fields of :class:`PanelView` and the
+        data of :meth:`shared_data`.
         """
         tiny = 1e-300 if ops.double else 1e-37
         lean, path = path_difference(ops, t, s, radius, along, b, z, across, pz, *moment)
@@ -144,8 +144,8 @@ class _Evanescent:
         """Return the data and bounds of :meth:`_Travelling.shared_data` for evanescent waves.
 
         ``free`` omits the decay exp(-2 pi q z). The data are e, e', whether the wave grazes the
-        point, the decay, 1 - decay, and its inverse. The bounds are None and the least distance
-        from the mirrored ray.
+        point, the decay, 1 - decay, and 1/decay. The first bound is None, and the second bound is
+        the least distance from the mirrored ray.
         """
         height = view.pz * view.z
         exponent = 2.0 * math.pi * height
@@ -164,7 +164,8 @@ class _Evanescent:
 
     def closed_form(self, ops: Any, view: PanelView) -> Pair:
         """Return the complex integral of :meth:`_Travelling.closed_form` for evanescent waves."""
-        # The sign is applied to s, so that the factor 1 + |along| of the logarithm is never 0.
+        # If ``along`` is negative, s is reversed, so that the factor 1 + |along| in the logarithm
+        # is never 0.
         sign = ops.select(view.along < 0.0, -1.0, 1.0)
         begin = _total(ops, view, view.first, view.radius_first)
         end = _total(ops, view, view.last, view.radius_last)
@@ -214,7 +215,8 @@ def path_difference(
 
     R is the distance from the position Q on the panel to the point P. The result is accurate even
     if P - Q is parallel to the direction p of the wave. ``moment`` is the argument of
-    :meth:`_Travelling.shared_data`; a is its first component, or b for waves along z.
+    :meth:`_Travelling.shared_data`. The constant a is the first component of ``moment``, or b for
+    waves along z.
     """
     if not moment:
         return b, (s * s + b * b) / (radius + z)
@@ -294,18 +296,19 @@ class EdgeRule:
     nodes: tuple[tuple[float, float], ...]
     """Gauss-Legendre nodes on [-1, 1] with weights, for the part along the edge."""
     tails: tuple[tuple[float, float], ...]
-    """Gauss-Laguerre nodes with weights, for the complex path of integration beyond that part."""
+    """Gauss-Laguerre nodes with weights, for the complex path of integration beyond the part along
+    the edge."""
 
     @classmethod
     def of(cls, cycles: float, nodes: int, tails: int) -> EdgeRule:
-        """Return a rule of ``nodes`` nodes within ``cycles`` along an edge and ``tails`` beyond."""
+        """Return a rule of ``nodes`` nodes along an edge, and ``tails`` nodes beyond ``cycles``."""
         along = np.stack(np.polynomial.legendre.leggauss(nodes), axis=-1)
         beyond = np.stack(np.polynomial.laguerre.laggauss(tails), axis=-1) / (2.0 * math.pi)
         return cls(cycles, *(tuple((t, w) for t, w in rule.tolist()) for rule in (along, beyond)))
 
 
 def _always(_: Any, compute: Callable[..., tuple[Any, Any]], *arguments: Any) -> tuple[Any, Any]:
-    """Return ``compute(*arguments)`` for any condition."""
+    """Return ``compute(*arguments)``, whatever the condition."""
     return compute(*arguments)
 
 
@@ -333,10 +336,10 @@ class _EdgePaths:
         self.total = shortest + self.distance
         self.detour = product * dot(near, near) / self.total
         # ``closing`` is 1 - cos(angle) for the angle at the edge between the directions to the
-        # source and to the point. ``closing`` is 2 at the shadow boundary.
+        # source and to the point. It is 2 at the shadow boundary.
         self.closing = 0.5 * dot(away, away)
-        # ``turn`` is the product of the two distances from the line of the edge and the sine of
-        # this angle. ``turn`` is positive to the left of the edge.
+        # ``turn`` is the product of the distances of the source and the point from the line of the
+        # edge, and the sine of this angle. It is positive to the left of the edge.
         self.turn = dot(cross(from_source, along), to_point)
 
         def root_at(s: Any) -> Number:
@@ -353,11 +356,11 @@ class _EdgePaths:
         self.low, self.high = root_at(0.0 * length), root_at(length)
 
     def plate_turn(self, ops: Any, in_front: Any) -> Number:
-        """Return 2 h h' cos(angle/2) for a plate that ends at the edge; negative if hidden by it.
+        """Return 2 h h' cos(angle/2) for a plate that ends at the edge, negative at hidden points.
 
-        The angle is that between the directions from the edge to the source and to the point, and h
-        and h' are the distances of source and point from the line of the edge. ``in_front``: see
-        :func:`edge_wave`.
+        The angle lies between the directions from the edge to the source and to the point. The
+        distances of the source and the point from the line of the edge are h and h'. See
+        :func:`edge_wave` for ``in_front``.
         """
         near = 2.0 * self.distance_product * ops.sqrt(ops.maximum(1.0 - 0.5 * self.closing, 0.0))
         steep = abs(self.turn) / ops.sqrt(0.5 * ops.maximum(self.closing, 1.0))
@@ -376,7 +379,8 @@ class _EdgePaths:
         the edge minus the shortest detour.
         """
         low, high = (_clamped(ops, v, limit) for v in (self.low, self.high))
-        # Near the shadow boundary, the square root of the detour would lose digits by cancellation.
+        # Near the shadow boundary, ``turn`` replaces the square root of the detour, which would
+        # lose digits by cancellation.
         closing = ops.maximum(self.closing, 1.0)
         steep = ops.sqrt(2.0 / (self.distance_product * self.total * closing))
         root = ops.select(self.closing > 1.0, abs(self.turn) * steep, ops.sqrt(self.detour))
@@ -414,8 +418,8 @@ def edge_wave(
         Function (condition, compute, arguments) that returns the computed numbers, or zeros if the
         condition is false.
     blocked : array, optional
-        Fraction, from 0 to 1, of the shadow boundary that another surface hides. If it is 1, the
-        step of the wave at the shadow boundary is omitted, (SB5).
+        Fraction, from 0 to 1, of the shadow boundary that another surface hides. If the fraction is
+        1, the step of the wave at the shadow boundary is omitted, (SB5).
     in_front : array, optional
         For edges of conducting plates: 1 if the point and the source lie on the same side of the
         plate, 0 otherwise. The result is then the boundary wave of the incident field, (SB9). By
@@ -427,8 +431,8 @@ def edge_wave(
     paths = _EdgePaths(ops, source, point, start, along, length)
     detour, total_path = paths.detour, paths.total
     distance = paths.distance
-    # The factor of (SB9) for conducting edges cancels a growing root of (SB3), and changes ``turn``
-    # and ``half_closing``.
+    # A conducting edge multiplies the integrand of (SB3) by a factor, (SB9). This factor changes
+    # ``turn`` and ``half_closing``, and cancels a square root in ``density``.
     is_black = in_front is None
     if is_black:
         turn, half_closing, side = paths.turn, 0.5 * paths.closing, 0.0
@@ -489,8 +493,8 @@ def edge_wave(
         return -wave.imag, wave.real
 
     def outside(start: Any, end: Any) -> tuple[Any, Any]:
-        """Return the sum of the integrals from the part along the edge to ``start`` and ``end``."""
-        # If v has one sign along the edge, the integrals from the limit to infinity cancel.
+        """Return the sum of the integrals from the inner part to ``start`` and to ``end``."""
+        # If v does not change sign along the edge, the integrals from the limit to infinity cancel.
         has_foot = (start < 0.0) & (end >= 0.0)
         real, imag = when(has_foot, beyond, 0.0 * start + limit)
         count = ops.select(has_foot, 2.0, 0.0)
@@ -540,15 +544,16 @@ def edge_change(
 ) -> tuple[Pair, Pair]:
     """Return the change of a point source's wave by an edge, and the result of :func:`edge_wave`.
 
-    ``path``: source, point, ends of the edge, and optionally the position near the point. ``wave``
-    and ``dipole``: at the point, the wave, and its part that depends on the direction, without
-    obliquity; None if it is zero, (SB5). ``how``: further arguments of :func:`edge_wave`.
+    ``path`` contains the source, the point, the ends of the edge, and optionally the position near
+    the point. ``wave`` is the wave at the point. ``dipole`` is the part of this wave that depends
+    on the direction, without obliquity, or None if this part is zero, (SB5). ``how`` contains
+    further arguments of :func:`edge_wave`.
     """
     if dipole is None:
         boundary = edge_wave(ops, rule, *path, **how)
         return wave * boundary.scaled(-0.5 / math.pi), boundary
     boundary, rate = edge_wave_and_rate(ops, rule, *path, **how)
-    # i/(2 pi) from the derivative, -1/(2 pi) from the boundary wave.
+    # The derivative contributes the factor i/(2 pi), and the boundary wave the factor -1/(2 pi).
     bend = (dipole * rate).scaled(0.25 / math.pi**2)
     return wave * boundary.scaled(-0.5 / math.pi) + Pair(bend.imag, -bend.real), boundary
 
@@ -558,8 +563,8 @@ def path_over(
 ) -> tuple[Any, Any, Any, Any]:
     """Return the shortest path from a source over a straight edge to a point.
 
-    The path is returned as its detour, the cosine of its deflection at the edge (1: straight), the
-    position of the bend as a fraction of the edge from 0 to 1, and its excess over the shortest
+    The results are the detour, the cosine of the deflection at the edge (1 for a straight path),
+    the position of the bend as a fraction of the edge from 0 to 1, and the excess over the shortest
     path over the line of the edge.
     """
     along = difference(end, start)

@@ -116,8 +116,9 @@ def enter(ops: Any, frame: BoundaryFrame, x: Any, y: Any, z: Any, digits: Any) -
     """Return the coordinates of a point and its distance, each as the sum of two floats.
 
     The arguments x, y and z are in metres. The first eight results are x, y, z and the distance in
-    wavelengths, relative to the centre of the source. The phase of the distance in cycles, modulo
-    1, and ``digits``, minus the natural logarithm of the allowed error, follow.
+    wavelengths, relative to the centre of the source. The last two results are the phase of the
+    distance in cycles, modulo 1, and ``digits``, which is minus the natural logarithm of the
+    allowed error.
     """
     point = point_in_wavelengths(ops, frame.centre, frame.wavelength, x, y, z)
     distance = (paraxial_distance if frame.paraxial else distance_of)(ops, point)
@@ -127,7 +128,7 @@ def enter(ops: Any, frame: BoundaryFrame, x: Any, y: Any, z: Any, digits: Any) -
 
 
 def leave(ops: Any, frame: BoundaryFrame, inner: Values, sums: Values) -> Values:
-    """Return the field times exp(2 pi i distance) from the centre, and its absolute error."""
+    """Return the field, including the phase factor exp(2 pi i distance), and its absolute error."""
     real, imag, error = sums
     cosine, sine = cos_sin_cycles(ops, inner[8])
     return real * cosine - imag * sine, real * sine + imag * cosine, error
@@ -164,7 +165,7 @@ def _panel(
 ) -> Values:
     """Return the field of a panel and its error estimate, times the amplitude of the wave.
 
-    ``oblique``: whether any wave has another direction than z.
+    ``oblique`` is true if the direction of any wave differs from z.
     """
     view, free, moment, phase = seen_from(ops, row, inner, wave, oblique)
     shared, sine, depth = wave.shared_data(ops, view, free, moment)
@@ -226,7 +227,9 @@ def _moment(ops: Any, cosines: Any, offset: Any, ex: Any, ey: Any) -> Values:
 def panel_view(
     ops: Any, first: Any, length: Any, b: Any, z: Any, cosines: tuple[Any, Any, Any]
 ) -> PanelView:
-    """Return a panel that starts at (first, b) relative to a point, along and left of the panel.
+    """Return a panel that starts at (first, b) relative to a point.
+
+    ``first`` is the coordinate along the panel, and ``b`` is the coordinate to its left.
 
     ``cosines`` are the direction cosines of the wave along these axes and z.
     """
@@ -247,12 +250,12 @@ def sums_over_panel(
     Parameters
     ----------
     bounds : tuple
-        Both bounds from ``shared_data`` of the wave, and minus the natural logarithm of the allowed
-        error.
+        The two bounds that ``shared_data`` of the wave returns, and minus the natural logarithm of
+        the allowed error.
     node : callable
         Function (t, s, radius, step / radius, weights, *data) that returns the values at a node.
     values : int
-        Number of values of ``node``.
+        Number of values that ``node`` returns.
     """
     sine, depth, digits = bounds
     far, clear, swing, half = _lengthwise(ops, view, sine, depth)
@@ -291,7 +294,7 @@ def _lengthwise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, 
     """Return whether the rule along the panel suffices, and its clearance, phase and half-length.
 
     The clearance is the distance to the nearest singularity in half-lengths of the panel. The phase
-    is the change over half of the panel in cycles.
+    is the change of phase over half of the panel, in cycles.
     """
     half = 0.5 * view.length
     outside = ops.maximum(ops.maximum(view.first, -view.last), 0.0)
@@ -315,7 +318,8 @@ def _anglewise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, .
         abs(view.last + view.along * view.radius_last),
     )
     clear = _STRIP * sine if depth is None else depth / ops.maximum(swing, 1e-30)
-    # The interval of v may round to 0 for distant points, which use the rule along the panel.
+    # The interval of v may round to 0 at distant points, for which the rule along the panel is
+    # used.
     return ops.minimum(clear, _STRIP) / ops.maximum(span, 1e-30), span * swing, midpoint, span
 
 
@@ -328,9 +332,9 @@ def rounded_cycles(ops: Any, row: Values, inner: Values) -> Number:
 def _rounded_cycles(ops: Any, size: Any, distance: Any, slope: Any) -> Number:
     """Return the phase, in cycles, whose rounding error contributes to the error of a panel.
 
-    ``size``: largest distance of the panel from the centre of the source. The rounding error of the
-    distance is the same for all panels. Far outside the shadow pattern this error cancels, except
-    for the fraction ``slope``.
+    ``size`` is the largest distance of the panel from the centre of the source. The rounding error
+    of the distance is the same for all panels. Far outside the shadow pattern this error cancels,
+    except for the fraction ``slope``.
     """
     ulp = 2.0**-52 if ops.double else 2.0**-23
     return size + ulp * (slope * distance + ops.minimum(distance, 4.0 * size * size))
@@ -353,7 +357,7 @@ def _square_along(x: Any, y: Any, begin_x: Any, begin_y: Any, ex: Any, ey: Any) 
 
 
 def _offset_of(inner: Values, x: Any, y: Any) -> tuple[phases.Doubled, ...]:
-    """Return the point minus a position (x, y, 0), three coordinates of two floats each."""
+    """Return the vector from a position (x, y, 0) to the point, with two floats per coordinate."""
     offset = []
     for high, low, origin in ((inner[0], inner[1], x), (inner[2], inner[3], y)):
         rounded, lost = phases.difference(high, origin)
@@ -364,8 +368,8 @@ def _offset_of(inner: Values, x: Any, y: Any) -> tuple[phases.Doubled, ...]:
 def _free_wave(ops: Any, cosines: Any, offset: Any, inner: Values, start: Any) -> Values:
     """Return the unobstructed wave at the point, divided by exp(2 pi i distance).
 
-    For evanescent waves, ``cosines`` and the result omit p_z and the decay. ``start``: phase of the
-    wave at the start of the panel in cycles.
+    For evanescent waves, ``cosines`` and the result omit p_z and the decay. ``start`` is the phase
+    of the wave at the start of the panel, in cycles.
     """
     floats = (*cosines, -1.0, 0.0)
     direction = tuple(zip(floats[::2], floats[1::2], strict=True))
@@ -378,9 +382,10 @@ def wave_on_panel(
     ops: Any, t: Any, radius: Any,
     constant: Any, slope: Any, distance: Any, along: Any, start: Any,
 ) -> Pair:  # fmt: skip
-    """Return the wave from the length t of a panel at the point, divided by exp(2 pi i distance).
+    """Return the wave from a position on a panel at the point, divided by exp(2 pi i distance).
 
-    Its phase in cycles is radius - distance + along t + start.
+    The phase of the result in cycles is radius - distance + along t + start, where t is the length
+    from the start of the panel.
     """
     cycles = (constant + t * (slope + t)) / (radius + distance) + along * t + start
     return unit_wave(ops, cycles)
@@ -392,7 +397,7 @@ def seen_in_parabolic_waves(
     """Return a panel of an edge relative to a point, for the parabolic waves of (B6).
 
     ``row`` is a row of panel data, and ``inner`` contains the point as x, y and z, each as two
-    floats. A plane wave at oblique incidence requires ``oblique``.
+    floats. ``oblique`` must be true for a plane wave at oblique incidence.
 
     The results are the panel, the unobstructed wave, arguments of :func:`wave_on_panel` with the
     height z as the distance, and the phase, in cycles, whose rounding error contributes to the
@@ -446,8 +451,8 @@ def _strip(
 ) -> Values:  # fmt: skip
     """Return the integrals of u G, u (1/R - 2 pi i) G/R, and t u (1/R - 2 pi i) G/R along a panel.
 
-    u is the wave at the length t, R the distance from the point, and G = exp(2 pi i R)/R. The six
-    real numbers do not include exp(2 pi i |(x, y, z)|).
+    u is the wave at the length t, R the distance from the point, and G = exp(2 pi i R)/R. The
+    results are six real numbers, without the factor exp(2 pi i |(x, y, z)|).
     """
     dx, dy = begin_x - x, begin_y - y
     first, b = ex * dx + ey * dy, ex * dy - ey * dx

@@ -44,8 +44,8 @@ _SIZES = (2, 3, 4, 5, 6, 8, 10)
 # x^2)^(2n). The bound also holds for products of such factors whose powers add up to -2, if each
 # factor has a larger x^2.
 _BOUNDS = tuple(math.log(math.sqrt(2) * (2 * n + 1) * math.factorial(n) ** 2) for n in _SIZES)
-# Distance [half-lengths of the edge] that represents "no singularity". It exceeds the largest
-# ellipse of the quadrature rules.
+# Distance [half-lengths of the edge] that represents "no singularity". A singularity at this
+# distance lies outside the Bernstein ellipses of all quadrature rules.
 _NO_SINGULARITY = 100.0
 # Number of phase cycles along an edge above which two tails need fewer quadrature nodes than the
 # edge.
@@ -157,7 +157,7 @@ class _Line:
         return self.end(ops, low), self.end(ops, high)
 
     def angles(self, ops: Any, begin: _End, low: _End, high: _End, end: _End) -> tuple[Any, Any]:
-        """Return the integral of a/(N R) over outer parts, and of b'/(N' R) over the edge, (B2)."""
+        """Return the integral of a/(N R) over both outer parts, and b'/(N' R) over the edge."""
         view = self.view
         level, height = view.b * view.across, view.pz * view.z
 
@@ -231,14 +231,15 @@ class _Line:
             # ray.
             tilt = self.view.pz + self.view.z / ops.maximum(low.radius, high.radius)
             nearest = nearest * ops.minimum(tilt, 1.0)
-        # If the phase is quadratic in the position and changes by q radians, the logarithm of the
-        # integrand grows by q sinh(u) cosh(u) within the ellipse of parameter u. nodes_needed
-        # assumes 2 q sinh(u). The excess is below 1 for ellipses up to ``largest``.
+        # ``largest`` limits the ellipses of the quadrature rule. If the phase is quadratic in the
+        # position and changes by q radians, the logarithm of the integrand grows by q sinh(u)
+        # cosh(u) within the ellipse of parameter u. The rule assumes a growth of 2 q sinh(u). The
+        # excess is below 1 for ellipses up to ``largest``.
         bend = (0.5 * math.pi) * half * abs(rates[1] - rates[0])
         largest = 0.7 + ops.sqrt(1.0 + 1.0 / ops.maximum(bend, 1e-6))
         swing = half * ops.maximum(abs(rates[0]), abs(rates[1]))
-        # ``extra`` is this excess plus log(pi N), because the integrand may be larger by the factor
-        # pi N at complex positions at which E = e.
+        # ``extra`` is the sum of the largest excess, 1, and log(pi N), because the integrand may be
+        # larger by the factor pi N at complex positions at which E = e.
         path = self.ahead + ops.maximum(low.beyond, high.beyond)
         extra = 1.0 + ops.log(ops.maximum(math.pi * path, 1.0))
         clear = ops.minimum(nearest / half, largest)
@@ -307,7 +308,7 @@ def _edge(ops: Any, tables: BoundaryTables, row: Values, inner: Values, oblique:
     low, high = line.inner_part(ops, begin, end, digits)
     sums, expected = line.inner_sums(ops, tables.rules, low, high, digits, free, moment, phase)
     outside, mirrored = line.angles(ops, begin, low, high, end)
-    # The wave e of (B2) is constant along the edge, so it is a factor of the integrals.
+    # The wave e of (B2) is constant along the edge, so it is taken out of the integrals.
     total = Pair(sums[0], sums[1]) - free.scaled(0.5 * (outside + mirrored))
     size, missing = abs(outside) + abs(mirrored), error_of(ops, sums, expected, cycles)
     for at, sign in _signed_ends(ops, begin, low, high, end):

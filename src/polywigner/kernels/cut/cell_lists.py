@@ -58,7 +58,7 @@ class _Exact:
     def cross(ax: Array, ay: Array, bx: Array, by: Array) -> Array:
         """Return the cross product of two vectors with an exact sign."""
         rough = np.asarray(ax * by - ay * bx)
-        # ROUNDED bounds the error only for vectors shorter than 8.
+        # ROUNDED is an upper bound on the error only for vectors shorter than 8.
         near = np.abs(rough) < ROUNDED
         if near.any():
             rough[near] = accurate_cross(*(v[near] for v in (ax, ay, bx, by)))
@@ -74,7 +74,7 @@ class _Cells:
 
     @classmethod
     def of(cls, reach: Array, across: int) -> _Cells:
-        """Return cells for offsets up to ``reach``, with about ``across`` along the longer side."""
+        """Return cells for offsets up to ``reach``, about ``across`` cells on the longer side."""
         size = 2.0 ** math.floor(math.log2(2.0 * float(reach.max()) / across))
         nx, ny = (2 * (math.floor(float(r) / size) + 1) for r in reach)
         return cls(size, nx, ny)
@@ -120,7 +120,7 @@ def cells_across(first: Outline, second: Outline, samples: int) -> int:
 def pair_grid(
     first: Outline, second: Outline, across: int, *, is_clipped: bool = False
 ) -> PairGrid:
-    """Return the edges and edge pairs of all cells, ``across`` along the longer side.
+    """Return the edges and edge pairs of all cells, with ``across`` cells on the longer side.
 
     If ``is_clipped`` is true, the result is a :class:`ClipGrid`, and the second outline must be
     convex. The second outline is mirrored: the offset T maps a point p to T - p. Pass the same
@@ -156,7 +156,7 @@ def pair_grid(
     numbers = np.array([[*low, *-low, 1.0 / size, cells.nx, cells.count, first.step]], np.float64)
     no_edge = (*_NO_EDGE[:2], *np.add(_NO_EDGE[:2], _NO_EDGE[2:]), 0.0, 1.0, 0.0, 0.0)
     others = np.vstack([others, no_edge])
-    # Differences of vertices on the grid are exact.
+    # The subtractions are exact, because the vertices lie on a grid.
     for ends_of in (edges, others):
         ends_of[:, 2:4] -= ends_of[:, :2]
     names = np.vstack([first.names, np.zeros((len(leads), 4), np.uint32)])
@@ -265,8 +265,8 @@ def _clipped_rows(
     pieces = (at * level.shape[1] + i) * (rings.max() + 1) + rings[j]
     first = np.flatnonzero(np.diff(pieces, prepend=-1))
     counts = np.diff(np.append(first, len(pieces)))
-    # An edge that crosses sides of a convex ring starts inside the ring if it starts to the left of
-    # these sides.
+    # If an edge crosses sides of a convex ring, its start lies inside the ring if it lies to the
+    # left of all these sides.
     is_inside = np.add.reduceat(is_left, first, dtype=int) == counts if len(first) else first
     at, i, weight = at[first], i[first], weights[j[first]]
     np.subtract.at(level, (at, i), weight * is_inside)
@@ -278,13 +278,13 @@ def _other_rows(
 ) -> tuple[Array, Array, Array]:
     """Return (cell, row, level) of crossing edges and of edges whose level changes in a cell.
 
-    ``changes`` (cells, edges): whether the level at the start of an edge can change. ``starts``:
-    first edge of each ring. ``null``: index of the placeholder edge.
+    ``changes`` (cells, edges) is true if the level at the start of an edge can change. ``starts``
+    contains the first edge of each ring, and ``null`` is the index of the placeholder edge.
     """
     at, i, j = pairs
     count = changes.shape[1]
-    # If the level at a ring's first vertex changes within a cell, the crossings with the line to
-    # the ring define this level.
+    # If the level at a ring's first vertex changes within a cell, it is computed from the crossings
+    # with the line to the ring.
     led = changes[:, starts]
     led_cell, led_ring = led.nonzero()
     is_lead = i >= count
@@ -311,7 +311,7 @@ def _other_rows(
 
 
 def _numbered(level: Array, unit: float) -> tuple[Array, Array]:
-    """Return the index of each winding number in a table of distinct ones, and the table (k, 4).
+    """Return the index of each winding number in a table of distinct numbers, and the table (k, 4).
 
     ``unit`` is the largest weight.
     """
@@ -339,7 +339,7 @@ def _vectors(edges: Array, number: Array) -> tuple[Array, ...]:
 def _meeting(
     cells: _Cells, edges: Array, others: Array, count: int
 ) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield the indices of cells, edges and other edges that can cross there, in three arrays.
+    """Yield index arrays of cells, and of the two edges of each pair that can cross in the cell.
 
     Edges from index ``count`` on are lines to rings.
     """

@@ -58,7 +58,7 @@ class Edge:
     """Real part of the element's weight."""
     imag: Any = 0.0
     group: Any = 0
-    """Index in ``Tables.groups``."""
+    """Index of the group of the edge in ``Tables.groups``."""
     begin: Any = 0
     """Index of the start vertex among the vertices of all elements."""
     end: Any = 0
@@ -156,7 +156,8 @@ def _line_of(side: Sequence[float], lines: dict[Line, int]) -> tuple[int, int]:
 class View:
     """Map from a point p of an edge to p' = ``offset`` T + ``point`` p for the offset T.
 
-    Both factors are 1 or -1. The point p lies inside the other copy if p' lies inside the outline.
+    The factors ``offset`` and ``point`` are 1 or -1. The point p lies inside the other copy if p'
+    lies inside the outline.
     """
 
     offset: int
@@ -194,7 +195,7 @@ class Clipper:
     def sum_over_edges(
         self, term: Callable[[Edge], tuple[Any, ...]], values: int, group: int = 0, other: int = 0
     ) -> tuple[Any, ...]:
-        """Return the sums of the ``values`` results of ``term(edge)`` over the edges of a group.
+        """Return the sum of each of the ``values`` results of ``term(edge)`` over a group's edges.
 
         Elements with the same field form a group. ``term`` clips the edge, so the group ``other``,
         whose elements clip the edges, is not used here.

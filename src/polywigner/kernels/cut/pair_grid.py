@@ -24,10 +24,10 @@ from polywigner.numerics.grid_arithmetic import accurate_cross
 # crossing with the line from outside to the first vertex of a ring. CLIPPED: an edge that crosses
 # sides of a convex ring. START is bit 0, WHOLE bit 1.
 CROSSING, START, WHOLE, INSIDE, LEAD, CLIPPED = range(6)
-# Bound on the rounding error of a cross product of vectors in the frame.
+# Upper bound on the rounding error of a cross product of vectors in the frame.
 ROUNDED = 1e-13
-# A normal number that is smaller than all nonzero cross products on the grid. Their magnitude is at
-# least 2^-106 in double precision and 2^-48 in single precision.
+# Normal number below the magnitude of all nonzero cross products on the grid, which is at least
+# 2^-106 in double precision and 2^-48 in single precision.
 NO_LEVEL = 1e-35
 
 Array = npt.NDArray[Any]
@@ -71,7 +71,7 @@ class Outline:
         (ex, ey), (fx, fy) = vectors.T, vectors[self.following].T
         turns = accurate_cross(ex, ey, fx, fy)
         angles = np.arctan2(turns, ex * fx + ey * fy)
-        # The edges of a convex polygon turn to the left, once around the ring.
+        # The edges of a convex polygon turn only to the left, by one full turn around the ring.
         once = np.add.reduceat(angles, self.starts[:-1]) < 3.0 * np.pi
         return bool((turns >= 0.0).all() and once.all())
 
@@ -106,27 +106,28 @@ class PairGrid:
     """Lower and upper corner of the cells, cells per unit length, cells in a row, number of cells,
     and spacing of the grid. Shape (1, 8)."""
     cells: Any
-    """For each cell: first row, first row that is not INSIDE, end of the rows, and 0. The last cell
+    """First row of each cell, first row that is not INSIDE, end of the rows, and 0. The last cell
     is empty and covers all offsets outside the grid. Shape (number of cells + 1, 4)."""
     rows: Any
-    """For each row: edge of the first outline, edge of the second outline, kind, and index of the
-    level. Shape (k, 4)."""
+    """Edge of the first outline, edge of the second outline, kind, and index of the level, for each
+    row. Shape (k, 4)."""
     first: Any
     """For each edge of the first outline: start, vector, 0, complex weight, and 0. The last rows
     are the lines to the rings, with a weight of 1. Shape (n, 8)."""
     second: Any
-    """Edges of the second outline, in the same form. The last edge crosses no other edge."""
+    """Edges of the second outline, in the form of ``first``. The last edge crosses no other
+    edge."""
     names: Any
     """``Outline.names`` of the first outline."""
     levels: Any
     """Real and imaginary part of each weighted winding number, and two zeros. Shape (k, 4)."""
 
     sides: Any
-    """Empty, except for a :class:`ClipGrid`."""
+    """Sides that clip the edges in a :class:`ClipGrid`, otherwise an empty table."""
 
     @cached_property
     def copies(self) -> dict[Hashable, Any]:
-        """Copies of the tables on devices, by engine."""
+        """Copies of the tables on devices, with the engine as the key."""
         return {}
 
     @cached_property
@@ -185,7 +186,8 @@ class ClipGrid(PairGrid):
     Each row of ``rows`` is a part of an edge inside one ring: the edge, the first row and the end
     of the rows of ``sides``, and the index of the weight of the ring. The part lies to the left of
     all these sides. Each row of ``sides`` is the index of an edge of the second outline. An edge
-    that is inside for all offsets in the cell has no sides. Its level is a sum over rings.
+    that lies inside rings for all offsets in the cell has no sides. The level of such an edge is a
+    sum over these rings.
     """
 
 
@@ -200,7 +202,7 @@ class CellMap:
     """Number of cells along x and along y without the border, shape (2, 1)."""
     step: float
     spans: Array
-    """For each cell: end of its rows, and their number. Shape (n, 2)."""
+    """End of the rows of each cell, and number of these rows. Shape (n, 2)."""
 
     def at(self, offsets: Array) -> Array:
         """Return the indices in ``spans`` of the cells that contain offsets, shape (2, n).
@@ -218,13 +220,13 @@ class PairRows:
     """Rows of a :class:`PairGrid` for NumPy, with points as complex numbers."""
 
     rows: Array
-    """For each row: first edge and second edge, kind, level at the last START row, and number of
-    rows since that row. Edges and levels are indices. Shape (5, n)."""
+    """First edge, second edge and kind of each row, level at the last START row, and number of rows
+    since that row. Edges and levels are indices. Shape (5, n)."""
     crosses: Array
-    """For each row: cross product of both edges, and bound below which the sign of other cross
+    """Cross product of both edges of each row, and bound below which the sign of other cross
     products is not reliable. Shape (2, n)."""
     edges: Array
-    """For each edge of both outlines: start, vector, tie limit and weight. Shape (k, 4)."""
+    """Start, vector, tie limit and weight of each edge of both outlines. Shape (k, 4)."""
     levels: Array
     is_uniform: bool
     """Whether all weights are 1."""
@@ -237,7 +239,7 @@ _SLANTED = 1 / 16
 
 
 def rows_at(cells: CellMap, t: Array) -> tuple[Array, Array]:
-    """Return the rows (k,) of the cells at offsets ``t`` (n,), and their offset indices (k,)."""
+    """Return the rows (k,) of the cells at offsets ``t`` (n,), and each row's offset index (k,)."""
     ends, counts = cells.spans.take(cells.at(t.view(np.float64).reshape(-1, 2).T), axis=0).T
     owner = np.arange(len(t)).repeat(counts)
     return np.arange(len(owner)) + (ends - counts.cumsum()).take(owner), owner
@@ -269,7 +271,8 @@ def cut_edges(
     table, (cross, bound) = pairs.rows.take(row, axis=1), pairs.crosses.take(row, axis=1)
     edge, other_edge = both = pairs.edges.take(table[:2], axis=0)
     p, vectors = t.take(owner) - other_edge[:, 0] - edge[:, 0], both[..., 1]
-    # Cross products of each edge with the ends of the other edge. Their signs are the sides.
+    # The sign of the cross product of an edge with an end of the other edge is the side of this
+    # end.
     levels = np.empty((2, *vectors.shape))
     levels[0] = (vectors.conj() * p).imag
     np.subtract(levels[0, 0], cross, out=levels[1, 0])
@@ -282,7 +285,7 @@ def cut_edges(
     meets = np.logical_and(*(is_left[0] ^ is_left[1]))
     jump: Array = meets * (2.0 * is_left[1, 1] - 1.0)
     before = jump.cumsum() - jump
-    # The running sum extends over all samples, so double precision would lose digits.
+    # The running sum of weights extends over all samples, so double precision would lose digits.
     if not pairs.is_uniform:
         is_complex = pairs.levels.dtype.kind == "c"
         jump = jump * (other_edge[:, 3] if is_complex else other_edge[:, 3].real)
@@ -321,10 +324,11 @@ def crossing(
     Edges are (start x, start y, vector x, vector y). The offset (``tx``, ``ty``) maps a point p of
     the other outline to T - p. ``side`` is 1 or -1, the sign of the displacement that decides ties.
 
-    Returns (crosses, enters, start, end). ``enters`` is true if the edge crosses to the left side
-    of the other edge. ``start`` and ``end`` are positive if the start and the end of the edge lie
-    to its left; these cross products have exact signs. The crossing lies at the fraction ``start /
-    (start - end)`` of the edge.
+    The results are (crosses, enters, start, end). ``enters`` is true if the edge crosses to the
+    left side of the other edge. ``start`` and ``end`` are cross products with exact signs.
+    ``start`` is positive if the start of the edge lies to the left of the other edge, and ``end``
+    is positive if its end does. The crossing lies at the fraction ``start / (start - end)`` of the
+    edge.
     """
     (ax, ay, ex, ey), (cx, cy, fx, fy) = edge[:4], other[:4]
     px, py = (tx - cx) - ax, (ty - cy) - ay

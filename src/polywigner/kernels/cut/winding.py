@@ -45,7 +45,7 @@ _FAR = 1e9
 def pairs_of(
     tables: Tables, key: Pass, double: bool, samples: int = 0, *, is_compiled: bool = True
 ) -> PairGrid:
-    """Return the edge pairs that can cross, for a view and two groups; cached if possible.
+    """Return the edge pairs that can cross for a view and two groups, from the cache if possible.
 
     ``samples`` is the expected number of samples, or 0 if it is unknown. With ``is_compiled``, the
     result is a :class:`ClipGrid` if all rings of the other copy are convex.
@@ -54,7 +54,7 @@ def pairs_of(
     first, second = (outline_of(tables, number, double) for number in (group, other))
     second = second if view is MIRRORED else second.rotated
     across = cells_across(first, second, 1 << (samples or _MANY).bit_length())
-    # AHEAD and BEHIND share their edge pairs.
+    # The views AHEAD and BEHIND have the same edge pairs, so the key contains only ``view.point``.
     is_clipped = is_compiled and second.is_convex
     name = view.point, group, other, double, across, is_clipped
     grid: PairGrid | None = tables.pairs.get(name)
@@ -77,7 +77,10 @@ _cache_lock = threading.Lock()
 
 
 def cell_of(ops: Any, pair: PairGrid, tx: Any, ty: Any) -> Number:
-    """Return the index of the cell that contains an offset, or of the empty cell off the grid."""
+    """Return the index of the cell that contains an offset.
+
+    Offsets off the grid belong to an empty cell.
+    """
     x0, y0, x1, y1, per_unit, across, empty, _ = ops.gather(pair.numbers, ops.truncated(0.0))
     inside = (tx >= x0) & (tx < x1) & (ty >= y0) & (ty < y1)
     column, row = (
@@ -133,8 +136,7 @@ class PairClipper(Clipper):
     def intervals(self, edge: Edge, view: View, group: int = 0) -> Iterator[Interval]:
         """Yield the part of the current edge, for which ``sum_over_edges`` calls its term.
 
-        Nothing is yielded for other views than the current one. The form is that of
-        :meth:`Clipper.intervals`.
+        Only the current view yields a part, in the form of :meth:`Clipper.intervals`.
         """
         if self._current is not None and self._current[0] is view:
             yield self._current[1]
@@ -151,13 +153,13 @@ class PairClipper(Clipper):
             return tuple(ops.gather(grid.levels, number)[:count])
 
         def part(number: Any, edge: Any, ends_sum: Any, extent: Any, level: Level) -> Level:
-            """Return the term of a part of an edge, from t0 + t1 and t1 - t0 of its ends."""
+            """Return the term of the part of an edge from t0 to t1, for t0 + t1 and t1 - t0."""
             ax, ay, ex, ey, _, real, imag, _ = edge or ops.gather(grid.first, number)
             begin, end, _, _ = ops.gather(grid.names, number)
             weight, phase = tables.mutual(real, imag, *level, *(0.0,) * (2 - count))
             phase = -phase if view is AHEAD else phase
             self._current = view, (ends_sum, extent, weight, phase)
-            # The edge vector serves as the direction, with a length of 1.
+            # The edge vector takes the place of the unit vector, so the length is 1.
             return term(Edge(ax, ay, ex, ey, ex, ey, 1.0, real, imag, begin=begin, end=end))
 
         def of_inside(row: Any) -> Level:
@@ -205,8 +207,8 @@ class PairClipper(Clipper):
     ) -> tuple[Any, Any]:
         """Return the part of an edge to the left of all sides from row ``rows[0]`` to ``rows[1]``.
 
-        The part runs from ``low`` to ``high``, which are fractions of the edge. It is empty if
-        ``high`` is less than ``low``.
+        The part runs from ``low`` to ``high``, which are fractions of the edge. The part is empty
+        if ``high`` is less than ``low``.
         """
         ops = self.ops
         ax, ay, ex, ey = edge[:4]

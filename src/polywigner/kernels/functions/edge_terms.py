@@ -1,8 +1,8 @@
 """Contributions of clipped edges to the Wigner function W and the ambiguity function A.
 
-A part of an edge has the vector d and the midpoint m. Its term depends on nu.d, nu.m and cross(nu,
-d). `EvenTerms` implements (W1) of docs/theory.md for real weights, and `WaveTerms` implements (W2)
-and (A1) for all weights. All forms avoid cancellation as nu goes to 0.
+A part of an edge has the vector d and the midpoint m. The term of the part depends on nu.d, nu.m
+and cross(nu, d). `EvenTerms` implements (W1) of docs/theory.md for real weights, and `WaveTerms`
+implements (W2) and (A1) for all weights. All forms avoid cancellation as nu goes to 0.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ def moved_off_zero(
 ) -> tuple[Any, Any]:
     """Return a frequency, or (floor, 0) if the magnitudes of both components are below a floor.
 
-    ``floors`` are the floors in float64 and float32. By default, the square of the frequency does
-    not underflow. Terms are of the order of the squared frequency. The rounding errors of the sum
-    of terms, up to 6e-8 of the sum, must not underflow either. A floor of 1e-16 would make errors
-    in float32 eight times as large.
+    ``floors`` are the floors in float64 and float32. With the default floors, the square of the
+    frequency does not underflow. Terms are of the order of the squared frequency. The rounding
+    errors of the sum of terms, up to 6e-8 of the sum, must not underflow either. A floor of 1e-16
+    would make errors in float32 eight times as large.
     """
     floor = floors[0] if ops.double else floors[1]
     tiny = (abs(x) < floor) & (abs(y) < floor)
@@ -59,7 +59,7 @@ def scaled(factor: Any, value: Any) -> Number:
 
 
 class EdgeTerms:
-    """Terms of all parts of edges at one nonzero frequency.
+    """Contributions of all parts of edges at one nonzero frequency.
 
     A part has the vector d = extent length u, and its term depends only on d. The unit vector u of
     constant edges is shared by parallel edges. For edges in memory, u is the edge vector or d, and
@@ -193,7 +193,7 @@ class WaveTerms(EdgeTerms):
 
 
 class AreaTerms(EdgeTerms):
-    """Terms of the area of a slice, which is the integral of cross(x, dx)/2 along its boundary."""
+    """Contributions of edges to the area of a slice, the integral of cross(x, dx)/2 along them."""
 
     values, by_part = 1, True
 

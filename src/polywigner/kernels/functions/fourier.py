@@ -133,13 +133,16 @@ class SolidTables:
 
     @property
     def terms(self) -> int:
-        """Number of terms for the choice of the engine. A tetrahedron counts as eight edges."""
+        """Number of terms in the sum, on which the choice of the engine depends.
+
+        A tetrahedron counts as eight edges.
+        """
         return 8 * len(self.edges)
 
 
 @lru_cache(maxsize=64)
 def solid_tables(body: Polyhedron, double: bool) -> SolidTables:
-    """Return the tetrahedra of a polyhedron. They are the same for float64 and float32."""
+    """Return the tetrahedra of a polyhedron. The tables for float64 and float32 are the same."""
     centre, rows = _axes(body)
     inner = vertices_for(rows, centre, body.vertices)
     # Fans divide opposite faces of a thin body into the same triangles, so that rounding errors
@@ -190,13 +193,15 @@ def _volumes(corners: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
 BODY = Kernel("fourier of a body", 3, solid_tables, enter_frequency, fan_sum, leave_wave)
 
 
-# Rounding errors of the waves change F by _ULP * perimeter/(2 pi |nu|). (F4) is not used if this
-# error exceeds _LOSS times the area.
+# Largest error of F, as a fraction of the area, at which the sum (F4) is used, and rounding error
+# of a wave. Rounding errors of the waves change F by _ULP * perimeter/(2 pi |nu|).
 _LOSS, _ULP = 5e-15, 2.0**-53
-# Largest slenderness of an outline for (F4): perimeter × largest distance from the centre / area.
-# At this limit, rounding errors of the vertices change F by 1e-14 of the area.
+# Largest slenderness of an outline for which the sum (F4) is used: perimeter × largest distance
+# from the centre / area. At this limit, rounding errors of the vertices change F by 1e-14 of the
+# area.
 _MOST_SLENDER = 512.0
-# Largest q for which sin(pi q)/q is computed directly. A matrix product of sines would lose digits.
+# Largest q for which sin(pi q)/q is computed directly, because a matrix product of sines would lose
+# digits.
 _NEAR = 0.1
 # Number of values in a temporary array that fits into the cache of a core.
 _BLOCK = 1 << 14
@@ -293,8 +298,8 @@ class _FamilyTerm:
     """Contribution of a family of edges to the Fourier transform on a grid of frequencies, (F4).
 
     The contribution is pi (nu x e) sinc(nu.e), where e is the vector of the edges, times the sum of
-    the waves at all midpoints. This sum is a matrix product. ``x`` and ``y`` contain the
-    frequencies along each axis in the frame, and the phase of the centre in cycles.
+    the waves at all midpoints. The sum of the waves is a matrix product. ``x`` and ``y`` contain
+    the frequencies along each axis in the frame, and the phase of the centre in cycles.
     """
 
     def __init__(self, ops: Any, family: Family, x: Values, y: Values) -> None:

@@ -2,8 +2,8 @@
 
 W is the sum of an integral over each edge, (I5) of docs/theory.md. Lengths are in coherence widths.
 Each integral runs along a path in the complex plane. With 10 to 36 quadrature nodes, its error is
-below 1e-12 of the square of the largest lag. For complex weights, cancellation costs as many ulps
-as the ratio of the coherence width to the largest lag.
+below 1e-12 of the square of the largest lag. For complex weights, cancellation multiplies rounding
+errors by the ratio of the coherence width to the largest lag.
 """
 
 from __future__ import annotations
@@ -25,27 +25,28 @@ Rules = tuple[npt.NDArray[np.float64], ...]
 # Shape of the arc of integration, (I5): smallest parameter c, and largest ratio of height to
 # length.
 _SPREAD, _LIFT = 10.0, 0.6
-# The number of quadrature nodes on an arc depends on the length c |x_end - x_start| of the arc,
-# multiplied by beta_s/8 if beta_s exceeds 8. Errors are below 1e-12 in double and 1e-7 in single
-# precision, relative to the squared length of random edges or the length of random intervals.
+# Lengths c |x_end - x_start| of an arc at which the number of quadrature nodes increases, and these
+# numbers of nodes. The length is multiplied by beta_s/8 if beta_s exceeds 8. Errors are below 1e-12
+# in double and 1e-7 in single precision, relative to the squared length of random edges or the
+# length of random intervals.
 _LENGTHS = (0.3, 1.0, 2.5, 4.0, 6.0, 8.0)
 _OF_EDGES = {True: (10, 14, 18, 22, 26, 30, 36), False: (8, 10, 12, 14, 16, 18, 22)}
 _OF_INTERVALS = {True: (10, 14, 20, 24, 28, 32, 44), False: (8, 10, 12, 16, 18, 20, 28)}
-# Smallest frequency beta_s and smallest phase along the edge for which the paths are steepest
-# descents, and numbers of nodes on such paths.
+# Smallest frequency beta_s and smallest phase along the edge for which paths of steepest descent
+# are used, and numbers of nodes on these paths.
 _STEEP, _LONG = 8.0, 10.0
 _OF_DESCENTS = {True: 10, False: 6}
-# If |xi| or beta exceeds _FAR, |g| and exp(-beta^2/2) are below 4e-17. On edges beyond this
-# distance, f is as smooth as 1/Z, and the rule with the index _SMOOTH is sufficient.
+# _FAR is the value of |xi| or beta above which |g| and exp(-beta^2/2) are below 4e-17. On edges
+# beyond _FAR, f is as smooth as 1/Z, and the rule with the index _SMOOTH is sufficient.
 _FAR, _SMOOTH = 8.7, 3.0
-# If |Re Z| is below _SMALL, exp(-beta^2/2) - |g| is a series of _TERMS terms. The first omitted
-# term is 0.1^9/10! = 3e-16 in double and 0.1^5/6! = 1e-8 in single precision.
+# _SMALL is the value of |Re Z| below which exp(-beta^2/2) - |g| is computed as a series of _TERMS
+# terms. The first omitted term is 0.1^9/10! = 3e-16 in double and 0.1^5/6! = 1e-8 in single
+# precision.
 _SMALL, _TERMS = 0.1, {True: 9, False: 5}
-# Smallest exponents in double and single precision. Subnormal numbers would slow down the
-# processor.
+# Smallest exponents of exponential functions in double and single precision. Smaller exponents
+# would give subnormal numbers, which slow down the processor.
 _LEAST_EXPONENT = {True: -300.0, False: -80.0}
-# Smallest divisors in double and single precision. The squares of these divisors are normal
-# numbers.
+# Smallest divisors in double and single precision, whose squares are normal numbers.
 _TINY = {True: 1e-150, False: 1e-18}
 _TURN = 2 * math.pi
 
@@ -63,8 +64,8 @@ def wave_over_edge(
     start, end : array
         Positions of the ends of the edge along its unit vector, in coherence widths.
     distance : array
-        Signed distance of the edge's line from the origin, in coherence widths. It is cross(xi,
-        unit vector) for all lags xi on the edge.
+        Signed distance of the edge's line from the origin, in coherence widths. The distance is
+        cross(xi, unit vector) for all lags xi on the edge.
     along, across : array
         Components of the frequency, nu.(unit vector) and cross(nu, unit vector), in cycles per
         coherence width.
@@ -113,7 +114,7 @@ def _arc_rules(sizes: tuple[int, ...]) -> Rules:
 
 @lru_cache(maxsize=2)
 def _descent_rules(size: int) -> Rules:
-    """Return a rule for steepest descents, with weights without the factor exp(-node)."""
+    """Return a rule for steepest descents, whose weights do not include the factor exp(-node)."""
     t, weight = np.polynomial.laguerre.laggauss(size)
     return (np.stack([t, weight * np.exp(t)], axis=-1),)
 

@@ -72,7 +72,10 @@ class SlitPairs:
 
     @property
     def terms(self) -> int:
-        """Number of terms for the choice of the engine. A pair of slits counts as half an edge."""
+        """Number of terms in the sum, on which the choice of the engine depends.
+
+        A pair of slits counts as half an edge.
+        """
         return -(-len(self.edges) // 2)
 
 
@@ -133,7 +136,7 @@ def pair_tables(source: Slits | Array, double: bool, of_lags: bool) -> SlitPairs
 def _overlap(
     ops: Any, shift: Doubled, gap: Any, gap_low: Any, half: Any, other: Any
 ) -> tuple[Any, Any]:
-    """Return the length of the overlap of two intervals, and its centre minus their mean centre.
+    """Return the length of the overlap of two intervals, and its centre minus the mean centre.
 
     The first centre minus the second is gap + gap_low - shift, and ``half`` and ``other`` are the
     half-lengths of the first and the second interval. The length is 0 for separate intervals.
@@ -148,7 +151,7 @@ def _overlap(
 
 
 def _sum(ops: Any, tables: SlitPairs, shift: Doubled, nu: Doubled) -> Values:
-    """Return the complex sum over pairs of slits, for W with ``shift`` 4x, or for A with xi."""
+    """Return the complex sum over pairs of slits. ``shift`` is 4x for W, and xi for A."""
 
     def term(
         gap: Any, gap_low: Any, half: Any, other: Any, mean: Any, mean_low: Any, real: Any,
@@ -279,7 +282,7 @@ def _enter_wigner(ops: Any, frame: Frame, x: Any, nu: Any) -> Values:
 
     Each number is the sum of two floats.
     """
-    # If x changes by dx, the two copies of a slit approach each other by 4 dx.
+    # If x changes by dx, the distance between the two copies of a slit changes by 4 dx.
     scale = 4.0 / frame.measure
     total, low = phases.difference(x, frame.centre[0])
     shift = phases.split(ops, (total * scale, low * scale))
@@ -287,7 +290,7 @@ def _enter_wigner(ops: Any, frame: Frame, x: Any, nu: Any) -> Values:
 
 
 def _enter_ambiguity(ops: Any, frame: Frame, upsilon: Any, xi: Any) -> Values:
-    """Return the phase of centre and carrier in cycles, and upsilon and xi as two floats each.
+    """Return the phase of the centre and carrier in cycles, and upsilon and xi as float pairs.
 
     A has the factor exp(-2 pi i phase).
     """

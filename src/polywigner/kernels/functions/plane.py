@@ -91,7 +91,7 @@ def _placed_tables(source: PlacedAperture, double: bool) -> OutlineTables:
 
 
 def _enter_shift(ops: Any, frame: Any, *arguments: Any) -> Values:
-    """Return the phase of centre and carrier in cycles, and upsilon and xi in the frame.
+    """Return the phase of the centre and carrier in cycles, and upsilon and xi in the frame.
 
     A has the factor exp(-2 pi i phase).
     """
@@ -102,7 +102,7 @@ def _enter_shift(ops: Any, frame: Any, *arguments: Any) -> Values:
 
 
 def enter_both_ends(ops: Any, frame: Any, *arguments: Any) -> Values:
-    """Return minus the carrier phase in cycles, and x + xi/2 and x - xi/2 in the frame."""
+    """Return the negated carrier phase in cycles, and x + xi/2 and x - xi/2 in the frame."""
     count = len(arguments) // 2
     x, xi = arguments[:count], arguments[count:]
     cycles = phases.less_carrier(ops, frame, 0.0 * xi[0], *xi)
@@ -147,7 +147,7 @@ def field(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[Any, Any]:
 def at_both_ends(field: Any) -> Callable[..., Values]:
     """Return a function that evaluates ``field(ops, tables, *x)`` at both ends of a lag.
 
-    It is the edge sum of a kernel whose first step is :func:`enter_both_ends`.
+    The returned function is the edge sum of a kernel whose first step is :func:`enter_both_ends`.
     """
     return lambda ops, tables, cycles, *ends: (
         *field(ops, tables, *ends[: len(ends) // 2]),

@@ -1,8 +1,8 @@
 """Kernels for rectangles whose field u(x, y) is a product f(x) g(y) along the sides.
 
 All transforms are products of two transforms in one dimension, each a sum over pairs of plane
-waves, (I4) of docs/theory.md. For example, a Taylor taper along both axes consists of 49 waves with
-1,225 pairs, but of only 7 waves with 28 pairs along each axis.
+waves, (I4) of docs/theory.md. For example, a Taylor taper along both axes has 49 waves with 1,225
+pairs, but only 7 waves with 28 pairs along each axis.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from polywigner.kernels.wave_pairs import Wave, Waves, carrier_of, waves_in_fram
 from polywigner.numerics import Floats, Indices, Number, cluster_indices, phases
 from polywigner.source.lattices import column_and_row
 
-# Deviation of the corners from an exact rectangle below which an outline is treated as a rectangle:
-# _ROUNDING times the shorter side, or _ROUNDINGS rounding errors of the largest coordinate (five
-# for each rotated coordinate), but at most _SHAPELESS times the shorter side.
+# An outline is treated as a rectangle if its corners deviate by at most _ROUNDING times the shorter
+# side, or by at most _ROUNDINGS rounding errors of the largest coordinate. The second limit cannot
+# exceed _SHAPELESS times the shorter side.
 _ROUNDING, _ROUNDINGS, _SHAPELESS = 1e-14, 8, 1e-6
 
 _UNIT = np.finfo(np.float64).eps / 2
@@ -36,7 +36,7 @@ _UNIT = np.finfo(np.float64).eps / 2
 def _rectangle_of(aperture: Aperture) -> tuple[Floats, float] | None:
     """Return the corners of a rectangle, longer side first, and their largest allowed error.
 
-    The result is None if the outline is no rectangle.
+    The result is None if the outline is not a rectangle.
     """
     if len(aperture.rings) != 1:
         return None
@@ -54,9 +54,10 @@ def _rectangle_of(aperture: Aperture) -> tuple[Floats, float] | None:
     return (corners if sides[0] >= sides[1] else np.roll(corners, -1, axis=0)), allowed
 
 
-# Largest deviation of amplitudes from a product of profiles, relative to the largest amplitude, and
-# largest difference of equal frequencies, in cycles per side or relative to the largest frequency.
-# Deviations up to these limits change W by less than 1e-13 of the energy.
+# _PRODUCT is the largest deviation of amplitudes from a product of profiles, relative to the
+# largest amplitude. _EQUAL is the largest difference of frequencies that are treated as equal, in
+# cycles per side or relative to the largest frequency. Deviations up to these limits change W by
+# less than 1e-13 of the energy.
 _PRODUCT, _EQUAL = 4e-15, 1e-14
 # Largest rounding error of frequencies [cycles per side] that is added to the limit for equal
 # frequencies.
@@ -115,8 +116,8 @@ def separable_tables(aperture: Aperture, double: bool) -> SeparableTables | None
     frame = frame_along(corners, low + (high - low) / 2, direction, sizes)
     frame = replace(frame, carrier=carrier_of([illumination], 2))
     # Frequencies have a rounding error of some ulps. For a rotated rectangle, the error of the
-    # rotation angle is added: the rounding error of the corners divided by the length of the
-    # rectangle.
+    # rotation angle is added, which is the rounding error of the corners divided by the length of
+    # the rectangle.
     largest = float(np.hypot(*illumination.frequencies.T).max())
     phase_rounding = 2 * np.pi * _ROUNDINGS * _UNIT * largest * float(np.abs(corners).max())
     relative = _ROUNDINGS * _UNIT + (rounding / length if is_rotated else 0.0)
@@ -170,7 +171,8 @@ def _enter_frequency(ops: Any, frame: Frame, *nu: Any) -> Values:
 def wigner(ops: Any, tables: SeparableTables, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Number:
     """Return the Wigner function W(x, nu), for arguments in the frame, (I4).
 
-    The frequency is relative to the carrier, and the result does not include ``frame.measure``.
+    The frequency is relative to the carrier. The result does not include the factor
+    ``frame.measure``.
     """
     along_x, along_y = tables.fields
     width_x, width_y = tables.coherence_widths
@@ -182,8 +184,8 @@ def ambiguity(
 ) -> tuple[Any, Any]:
     """Return the real part and the negated imaginary part of the ambiguity function.
 
-    The arguments are in the frame. The result does not include ``frame.measure``, nor the phases of
-    the centre and the carrier.
+    The arguments are in the frame. The result does not include the factor ``frame.measure`` or the
+    phases of the centre and the carrier.
     """
     along_x, along_y = tables.fields
     return wave_sums(
@@ -194,8 +196,8 @@ def ambiguity(
 def fourier(ops: Any, tables: SeparableTables, nu_x: Any, nu_y: Any) -> tuple[Any, Any]:
     """Return the real part and the negated imaginary part of the Fourier transform.
 
-    The frequency is in the frame, relative to the carrier. The result does not include
-    ``frame.measure`` and the phase of the centre.
+    The frequency is in the frame, relative to the carrier. The result does not include the factor
+    ``frame.measure`` or the phase of the centre.
     """
     along_x, along_y = tables.fields
     return wave_sums(along_x.fourier(ops, nu_x) * along_y.fourier(ops, nu_y))

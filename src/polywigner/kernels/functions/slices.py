@@ -43,10 +43,10 @@ Pairing = tuple[int, int, Views, Sequence[WavePair]]
 """Group whose edges are clipped, group of the other copy, views of the edges, and pairs of
 waves."""
 
-# Numbers of (sample, edge) pairs and of (edge part, frequency) pairs per block on NumPy. The arrays
-# take about 2 MB.
+# Numbers of pairs (sample, edge) and of pairs (part of an edge, frequency) per block with NumPy.
+# The arrays of a block take about 2 MB.
 _CUT, _SUMMED = 1 << 14, 1 << 14
-# Number of samples for which the edge pairs are optimised on NumPy.
+# Number of samples for which the lists of edge pairs are optimised with NumPy.
 _SAMPLES = 1 << 9
 # Largest number of wave pairs that compiled code contains as constants. Compilation takes 20 ms per
 # pair.
@@ -88,7 +88,8 @@ class SliceSum:
         # Infinite and NaN arguments must give NaN: 0 x is NaN for these values, and 0 otherwise.
         zero = np.asarray(0.0 * (x + y + (nu[0] + nu[1])))
         shape, columns = zero.shape or (1,), 1
-        # Frequencies along the second axis share the slices of positions along the first axis.
+        # All frequencies along the second axis use the slices of the positions along the first
+        # axis.
         is_shared = len(shape) == 2 and x.shape == y.shape == (len(zero), 1)
         if is_shared:
             columns, (x, y) = shape[1], (x[:, 0], y[:, 0])
@@ -168,7 +169,7 @@ class SliceSum:
     def _sums_of_pairings(
         self, clipper: Clipper, sum_of: Callable[[Views, WavePair, bool], TermSum], position: Values
     ) -> Iterator[Sequence[Any]]:
-        """Yield the sums over edges for all pairs of waves, to be added.
+        """Yield the sums over edges for all pairs of waves, which the caller adds.
 
         ``sum_of(views, pair, is_even)`` returns the `TermSum` of a pair of waves.
         """
@@ -193,9 +194,10 @@ class SliceSum:
     ) -> Iterator[tuple[slice, WavePair, bool, Array, tuple[Any, ...]]]:
         """Yield the parts of edges of slices for each pair of waves, in blocks of positions, (K1).
 
-        Yields the slice of the ``step`` positions of a block, the pair of waves, whether its terms
-        are even, the index of the position of each part within the block, and the parts. A part is
-        (centre x, centre y, vector x, vector y, real weight, imaginary weight) in the slice.
+        The results are the slice of the ``step`` positions of a block, the pair of waves, whether
+        its terms are even, the index of the position of each part within the block, and the parts.
+        A part is a tuple (centre x, centre y, vector x, vector y, real weight, imaginary weight) in
+        the slice.
         """
         lists = tables.lists.get(self.pairings)
         if lists is None:
@@ -225,8 +227,8 @@ class SliceSum:
     def _lists(self, tables: Tables) -> Iterator[tuple[Any, ...]]:
         """Yield the edge pairs of each view, as the entries of ``Tables.lists``.
 
-        An entry consists of the pairs of waves, whether the terms are even, the edge pairs, the
-        sign of the offset, and the side of the copy.
+        An entry contains the pairs of waves, a flag for even terms, the edge pairs, the sign of the
+        offset, and the side of the copy.
         """
         for group, other, views, pairs in self.pairings(tables):
             is_even = other == group and not tables.phased
@@ -241,8 +243,8 @@ class SliceSum:
         The results are indices (n + 1,), a table (parts, 4 or 8), and whether all weights are real.
         The parts of position k are the rows from index k to index k + 1. A row contains the centre
         and the vector of a part if all weights are 1 or -1 and no frequency is shifted; a part with
-        a weight of -1 is then reversed. Otherwise, a row also contains the complex weight and the
-        frequency shift.
+        a weight of -1 is then reversed. In all other cases, a row also contains the complex weight
+        and the frequency shift.
         """
         owners, rows, count = [np.empty(0, np.intp)], [np.empty((0, _ROW))], len(position[0])
         for _, pair, _, owner, (*geometry, real, imag) in self.parts(tables, position, count):
@@ -469,7 +471,7 @@ AMBIGUITY_SUM = SliceSum(
     values=2,
     arguments=slice(2, 4),
 )
-# The terms of an area need no frequency, so the lag is passed as the frequency.
+# The sum for the area of a slice needs no frequency, so the lag is passed in its place.
 AREA_SUM = replace(
     AMBIGUITY_SUM,
     position=slice(0, 2),
