@@ -262,8 +262,9 @@ def radiating_points(
     most: int = _MOST_SOURCES,
     targets: Floats | None = None,
 ) -> list[RadiatingPoint]:
-    """Return point sources with the far field of a source.
+    """Return point sources, with positions in wavelengths, that have the far field of a source.
 
+    ``method`` is the name of the boundary condition.
     The error of the squared far field is at most ``error`` times its peak, in the directions of
     ``targets`` (boxes of shape (n, 2, 3) in wavelengths), by default in all directions. Raises
     ArgumentError if more than ``most`` points are needed, or if no number of points is sufficient.

@@ -295,8 +295,10 @@ def _sum_of_waves(
 ) -> Floats:
     """Return the irradiance at points (n, 3) for pairs with mutual intensities (c, c, m).
 
-    The factor 1/wavelength^2 is omitted. ``means`` and ``lags`` (m, 2) are the midpoints and
-    differences of the pairs, and ``k`` is the wavenumber in rad/m.
+    The c terms are those of ``condition``: the field, the normal derivative divided by ik, or both.
+    The first index belongs to the point mean + lag/2. Mutual intensities include quadrature weights
+    in m^4; the factor 1/wavelength^2 is omitted. ``means`` and ``lags`` (m, 2) are the midpoints
+    and differences of the pairs, and ``k`` is the wavenumber in rad/m.
     """
     total = np.zeros(len(points))
 

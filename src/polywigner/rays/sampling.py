@@ -239,7 +239,11 @@ class Cone:
         return vectors, area * solid
 
     def _beam_centres(self, slope: Floats) -> Floats:
-        """Return the centres (n, 2) of beams in the unit disc that the cone is mapped to."""
+        """Return the centres (n, 2) of beams in the unit disc.
+
+        Directions are projected along the cone's axis, divided by ``radius``, and limited to the
+        disc. ``slope`` (n, 2): direction cosines of beams minus the cosines of the axis.
+        """
         cosines = self.frame[:2, 2] + slope
         # Limit beams to directions in front of the plane.
         cosines /= np.maximum(np.hypot(*cosines.T), 1.0)[:, None]

@@ -401,8 +401,9 @@ def polarised_kernel(
 ) -> tuple[Floats, Floats]:
     """Return the real and imaginary part of the kernel of polarised sources, equation (RX9).
 
-    ``sent`` and ``received`` (3,) are polarisation vectors in the frames of their sources. Units
-    and phase are those in `link_kernel`.
+    ``sent`` and ``received`` (3,) are polarisation vectors in the frames of their sources.
+    ``received`` is not conjugated: it is the polarisation that the receiver would transmit. Units,
+    shape and phase are those in `link_kernel`.
     """
     rotation = sight.rotation
     received, normal = rotation @ received, rotation[:, :, 2]

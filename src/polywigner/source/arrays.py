@@ -205,6 +205,10 @@ def thinned(positions: ArrayLike, fill: float, seed: int, taper: ArrayLike | Non
     fraction = checked_number(fill, "fill", meaning, lambda x: 0 < x <= most)
     random = np.random.default_rng(checked_count(seed, "seed", 0))
     is_drawn = random.random(len(layout)) < density * (fraction / density.mean())
+    if not is_drawn.any():
+        raise ArgumentError(
+            "no element was drawn with this seed; use another seed, or a larger fill"
+        )
     return layout[is_drawn]
 
 

@@ -266,9 +266,10 @@ class Source:
         return self.with_elements(flat)
 
     def moved(self, shift: ArrayLike) -> Source:
-        """Return the source and its field, shifted by a vector (d,) in m.
+        """Return the source and its field, shifted in its plane by a vector in m.
 
-        Raises GeometryError if an element does not lie in the plane z = 0.
+        The vector has the shape (2,), or (1,) for slits. Raises GeometryError if an element of this
+        source does not lie in the plane z = 0.
         """
         offset = np.asarray(shift, np.float64)
         if not offset.any():

@@ -295,10 +295,10 @@ def nesting_depths(rings: Sequence[Ring]) -> NDArray[np.intp]:
 
 
 def nested(rings: Sequence[Ring], union: bool = False) -> list[Polygon]:
-    """Return polygons whose holes are the rings inside them; a ring in a hole is a new polygon.
+    """Return polygons, each a list of its outline and of the rings directly inside it as holes.
 
-    With `union`, overlapping rings are joined first. Otherwise, overlaps raise a GeometryError, as
-    do rings that cross themselves.
+    A ring inside a hole starts a new polygon. The orientation of rings is arbitrary. Rings that
+    cross themselves raise a GeometryError, and so do overlaps, unless ``union`` joins them first.
     """
     is_simple = shapely.is_valid([shapely.Polygon(ring) for ring in rings])
     clean = [

@@ -201,7 +201,10 @@ class AreaTerms(EdgeTerms):
         self.ops, self.nu = ops, nu
 
     def of_part(self, x: Any, y: Any, dx: Any, dy: Any, real: Any, imag: Any) -> Values:
-        """Return cross(x, d)/2 for the centre x and vector d of a part, times its real weight."""
+        """Return cross(x, d)/2 for the centre x and vector d of a part, times its real weight.
+
+        The result is a tuple of one value. ``imag`` is not used.
+        """
         return (scaled(real, 0.5 * self.ops.fma(x, dy, y * -dx)),)
 
     def total(self, sums: Values) -> Values:

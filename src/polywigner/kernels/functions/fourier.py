@@ -87,8 +87,9 @@ class LinearFrame:
 def fan_sum(ops: Any, tables: Any, cycles: Any, *nu: Any) -> Values:
     """Return the real part and minus the imaginary part of a Fourier transform, (F2), (F3).
 
-    The result does not include exp(-2 pi i cycles) and ``frame.measure``. Each row contains the
-    vertices of a triangle or tetrahedron except the origin, and their determinant.
+    The result does not include exp(-2 pi i cycles) and ``frame.measure``; ``cycles`` is not used.
+    ``nu`` is the frequency in ``tables.frame``. Each row of ``tables.edges`` contains the vertices
+    of a triangle or tetrahedron except the origin, and their determinant.
     """
 
     def term(*row: Any) -> Values:

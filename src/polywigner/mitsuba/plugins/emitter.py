@@ -286,7 +286,8 @@ class WignerEmitter(VariantPlugin):
     def direction_to(self, it: mi.Interaction3f, x: mi.Point2f) -> tuple[mi.Vector3f, Drjit]:
         """Return the unit vector from x to the point ``it`` of the scene, and their distance.
 
-        The vector is in the source's frame; ``x`` and the distance are in scene units.
+        The vector is in the source's frame. ``x``, relative to the source's centre, and the
+        distance are in scene units.
         """
         r = self.frame.to_local(it.p - self.frame.origin) - self.m.Vector3f(x.x, x.y, 0.0)
         distance = dr.norm(r)

@@ -164,7 +164,10 @@ def channel(
 
 
 def checked_frequencies(frequencies: Any) -> Floats:
-    """Convert a number in Hz, a string or several of them to an array (n,) of frequencies in Hz."""
+    """Convert a number in Hz, a string or several of them to an array (n,) of frequencies in Hz.
+
+    Raises ArgumentError or QuantityError for other values.
+    """
     values = [frequencies] if isinstance(frequencies, str) else frequencies
     if isinstance(values, list | tuple):
         values = [parse_frequency(value) if isinstance(value, str) else value for value in values]
