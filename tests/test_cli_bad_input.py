@@ -151,6 +151,7 @@ BAD: dict[str, str] = {
         --line "{many}" => two points
         --plane "-3 mm to 3 mm, 0 mm, 9 mm" => --plane | two ranges
         --plane "3 mm to -3 mm, -3 mm to 3 mm, 9 mm" => ascending
+        --plane "-3 mm to 3 mm, 0 mm, 2 mm to 9 mm" --samples "99999 x 99999" => polywigner volume
         --arc far => --arc | length | far
         --arc "50 mm, 0 deg, 90 deg" => --arc | between 0 and 90 deg
         --hemisphere "0 mm" => --hemisphere | above zero
