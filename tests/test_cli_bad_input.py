@@ -242,6 +242,7 @@ BAD: dict[str, str] = {
         {WAVEFORM} --velocity "car 3" => VX, VY, VZ
         {WAVEFORM} --velocity "moon = 1, 0, 0" --points 9 => moon
         {WAVEFORM} --window none --points 9 => window
+        {WAVEFORM} --velocity "car = 1, 0, 0" --velocity "car = 1, 0, 0" => got several
         {WAVEFORM} --velocity "car = 4e8, 0, 0" => speed below
     """,
     "radar": f"absent.xml {WAVEFORM} => absent.xml",

@@ -68,8 +68,8 @@ class ElementPattern:
         check_most(len(phi), MOST_PHI, "phi angles", remedy)
         if len(theta) < 3 or len(phi) < 4:
             raise ArgumentError(
-                "expected a pattern with at least three theta angles and four phi angles, got "
-                f"{len(theta)} and {len(phi)}"
+                "expected at least three theta angles, and four phi angles around the full "
+                f"circle, got {len(theta)} and {len(phi)}"
             )
         if not covers_front(theta, phi):
             raise ArgumentError(
