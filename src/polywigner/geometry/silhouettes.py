@@ -159,7 +159,7 @@ class Obstacle:
 
 
 def obstacle_of(body: Polyhedron | PlacedAperture) -> Obstacle:
-    """Convert a body, or a plate in its pose, to triangles in world coordinates in m."""
+    """Convert a body, or a plate in its pose, to a mesh with vertices in m in the world."""
     if isinstance(body, PlacedAperture):
         flat, corners_of = triangulate(body.aperture)
         vertices = np.column_stack([flat, np.zeros(len(flat))])
