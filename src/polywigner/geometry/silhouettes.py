@@ -240,9 +240,9 @@ def listed_bodies(bodies: Any) -> tuple[Polyhedron | PlacedAperture, ...]:
     """
     listed = tuple(bodies) if isinstance(bodies, (list, tuple)) else (bodies,)
     if not listed:
-        raise ArgumentError("expected at least one body or plate, got an empty list")
+        raise ArgumentError("expected at least one body or obstacle, got an empty list")
     for body in listed:
-        expected = "bodies and plates to be Polyhedra and placed apertures"
+        expected = "bodies or obstacles to be Polyhedra or placed apertures"
         advice = "call the method `placed` of an Aperture"
         checked_type(body, expected, Polyhedron, PlacedAperture, advice=advice)
         if isinstance(body, PlacedAperture) and body.aperture.illumination is not None:
