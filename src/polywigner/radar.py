@@ -383,8 +383,8 @@ def range_angle(
     for rate in range(values.shape[3]):
         beams = np.tensordot(values[..., rate, :], waves * weights, axes=([1, 2], [1, 2]))
         image += np.square(np.abs(beams)).swapaxes(1, 2)
-    # The window spreads a target over several range rates, so their sum is divided by the noise
-    # bandwidth of the window in bins.
+    # The window spreads a target over several range rates. Therefore the sum over the range rates
+    # is divided by the noise bandwidth of the window in bins.
     of_rates = window_of(window, waveform.chirps)
     image /= len(of_rates) * (of_rates**2).sum() / of_rates.sum() ** 2
     floor = float(cube["noise_power"].values.mean() * of_range * (weights**2).sum())

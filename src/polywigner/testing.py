@@ -20,10 +20,11 @@ __all__ = ["check"]
 # A law: its name, its left and right side, their allowed difference, and the arguments by name.
 Law = tuple[str, Any, Any, float, dict[str, Floats]]
 
-# Allowed difference of both sides, relative to the largest possible value, for a source at the
-# origin.
+# Allowed difference between the two sides of a law, relative to the largest possible value, for a
+# source at the origin.
 _TOLERANCE = 1e-12
-# Lattice for the integral of W over x: number of points, generator, relative error of int |u|^2.
+# Lattice for the integral of W over x: number of points, generator, and relative error of the
+# integral of |u|^2.
 _LATTICE, _STEP, _LATTICE_ERROR = 10946, 6765, 2e-3
 
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from polywigner import Aberration, Aperture
     from polywigner import Array as ApertureArray
 
-# Smallest reversed contrast that the figure marks.
+# Smallest magnitude of a negative contrast that the figure marks.
 _FAINT = 1e-3
 Samples = Annotated[int, typer.Option(min=2, max=2001, help="Samples along each axis.")]
 

@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from polywigner.figures import TransformSlices
 
 _FEWEST = 257
-# Largest default number of samples along an axis; an aperture with 100 edges takes about 10 s.
+# Largest default number of samples along an axis. This number takes about 10 s for an aperture with
+# 100 edges.
 _MOST_BY_DEFAULT = 513
 
 

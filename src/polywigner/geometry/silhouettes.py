@@ -41,11 +41,12 @@ PAIRS, _PAIRS_OF_TRIANGLES = 1 << 20, 1 << 14
 _MOST_FACES = 1 << 15
 # Margin added to the half-angle of cones around bodies [rad], larger than rounding errors.
 _WIDER = 1e-6
-# Winding number above which a point counts as inside a body; inside, it is 1 apart from rounding
-# errors.
+# Winding number above which a point counts as inside a body. The winding number of a point inside
+# is 1 apart from rounding errors.
 _IN = 0.9975
-# Largest distances between bodies that count as in contact: one in wavelengths, because a narrower
-# slit transmits no field, and one as a fraction of the extent, for float32 coordinates.
+# Largest distances between bodies that count as in contact. The first limit is in wavelengths,
+# because narrower slits transmit no field. The second limit is a fraction of the extent, for
+# float32 coordinates.
 _CLOSED, _ROUNDED = 0.05, 1e-6
 # Largest difference between the unit normals of faces that count as lying in one plane.
 _SKEW = 1e-5
@@ -505,7 +506,8 @@ def _cone(points: Floats) -> tuple[Floats, float]:
         return np.array([0.0, 0.0, 1.0]), np.pi
     axis = axis / length
     angle = float(np.arccos(np.clip(directions @ axis, -1.0, 1.0)).max()) + 1e-9
-    # A wider cone is not convex and may miss parts of a face.
+    # A cone with a half-angle of 90 degrees or more is not convex. It may contain all vertices of a
+    # face, but not all points of the face.
     return axis, angle if angle < 0.5 * np.pi else np.pi
 
 

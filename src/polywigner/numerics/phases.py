@@ -64,8 +64,8 @@ def sin_cycles(ops: Any, cycles: Any) -> Number:
 
 def cos_sin_cycles(ops: Any, cycles: Any) -> tuple[Any, Any]:
     """Return cos(2 pi cycles) and sin(2 pi cycles)."""
-    # Operations on jets compute both functions together, because each is the derivative of the
-    # other.
+    # For jets, which are numbers with their derivatives, cosine and sine are computed together,
+    # because the derivative of each contains the other.
     if hasattr(ops, "cos_sin_cycles"):
         cosine, sine = ops.cos_sin_cycles(cycles)
         return cosine, sine

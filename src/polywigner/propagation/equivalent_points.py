@@ -35,8 +35,8 @@ _MOST_SOURCES = 1 << 15
 _MORE_OF_UNIFORM, _MORE_OF_ANY = (0, 2, 4, 6, 9, 12, 16, 20), (0, 8, 16)
 # Relative magnitude below which singular values are rounding errors.
 _ROUNDING = 1e-9
-# Margin around the required range of sines, multiplied by the side of the bounding box in
-# wavelengths.
+# The required range of sines is extended at both ends by _MARGIN divided by the side of the
+# bounding box in wavelengths.
 _MARGIN = 4.0
 # Number of triangles per block. Each triangle has 400 nodes.
 _CELLS = 1 << 6

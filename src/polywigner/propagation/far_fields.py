@@ -189,8 +189,8 @@ _LEAST_STEPS = 16
 _BLOCK = 1 << 17
 # Largest number of directions in a search of the whole hemisphere, which takes a tenth of a second.
 _MOST = 1 << 20
-# Search radius about the directions of plane waves for wide sources, in widths of an element's main
-# lobe.
+# Radius of the search for the peak of a wide source about the direction of each plane wave, in
+# widths of an element's main lobe.
 _LOBES = 4.0
 # Relative frequency difference between element and array that causes a warning.
 _OTHER_FREQUENCY = 0.01

@@ -53,8 +53,8 @@ _FLOOR = 1e-3
 _BLOCK = 64
 # Relative rounding error of Friis' formula with phase, equation (RX4).
 _ROUNDING = 1e-12
-# Number of additional nodes along each side of a cell for a tolerance of 1e-6, and for each further
-# digit.
+# Number of additional nodes along each side of a cell for a tolerance of 1e-6, and additional
+# number of nodes for each further digit.
 _NODES, _NODES_PER_DIGIT = 4.0, 0.5
 
 

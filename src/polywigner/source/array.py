@@ -444,7 +444,8 @@ def repeated_element(
     return Array._of(repeated=(element, positions), weights=amplitudes, paths=None)
 
 
-# Largest number of pairs of convex pieces for which the automean is computed; 500 pairs take 0.7 s.
+# Largest number of pairs of convex pieces for which the automean (the set of midpoints of all pairs
+# of source points) is computed. The computation for 500 pairs takes 0.7 s.
 _MOST_AUTOMEAN_PAIRS = 500
 
 

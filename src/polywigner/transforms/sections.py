@@ -34,7 +34,8 @@ from polywigner.source.normal_form import SourceElement, normal_form
 
 _OPS = NumpyOperations()
 
-# Number of values in a temporary array, some tens of megabytes with intermediate results.
+# Number of values in a temporary array. The array and its intermediate results take some tens of
+# megabytes.
 _BLOCK = 1 << 20
 
 # Difference below which frequency shifts are treated as equal, as a fraction of the largest shift,
