@@ -58,8 +58,8 @@ class LensOptions(SourceOptions):
         else:
             if self.wavelength is not None or self.frequency is not None:
                 raise ArgumentError(
-                    "expected either --wavelengths, or one of --wavelength and --frequency, got "
-                    "both; omit one of them"
+                    "--wavelengths cannot be combined with --wavelength or --frequency; omit one "
+                    "of them"
                 )
             lengths = [parse_length(part) for part in self.wavelengths.split(",")]
             pupil, _ = self.read()

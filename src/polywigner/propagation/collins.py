@@ -301,7 +301,7 @@ def _clipped_planes(
     if image.any() and not image.all():
         raise ArgumentError(
             "the points lie in an image of the source or of a stop that is sharp along one axis "
-            "only (astigmatic system); move the points along the axis"
+            "only (astigmatic system); move the points along the optical axis"
         )
     return remaining, paths
 

@@ -289,7 +289,7 @@ def radiating_points(
         size, count = " × ".join(f"{side:.3g}" for side in high - low), math.prod(tried)
         raise ArgumentError(
             f"the source is too large for obstacles: a source of {size} wavelengths requires at "
-            f"least {count} equivalent points, at most {most} are allowed; move obstacles and "
+            f"least {count} equivalent points, but only {most} are allowed; move obstacles and "
             "points away from the source, or use a part of the source"
             if count > most
             else (

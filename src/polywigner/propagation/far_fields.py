@@ -151,8 +151,9 @@ def check_slopes(source: PlaneSource | Wavefront, name: str) -> None:
     if isinstance(source, Wavefront) and OBLIQUITIES[name].needs_normal_derivative:
         raise ArgumentError(
             f"obliquity {name!r} is not available for curved waves and partially coherent light, "
-            f'because it varies with position and tilt; use {DEFAULT!r} or "paper", or, for '
-            "coherent light, compute the near field with polywigner.amplitude"
+            "because its factor varies with position and tilt; use "
+            f'{DEFAULT!r} or "paper", or compute the near field of coherent light with '
+            "polywigner.amplitude"
         )
 
 

@@ -438,9 +438,8 @@ def _check_overlaps(mask: Aperture | Array, lattice: Floats) -> None:
     overlap = len(shifts) * areas.sum() - shapely.union_all(copies).area
     if overlap > _OVERLAP * areas.min():
         raise GeometryError(
-            "elements of the mask overlap each other or the copies of the mask, where their "
-            "transmissions would add up; pass the union of the elements as one Aperture (a | "
-            "b), or a longer period"
+            "elements of the mask overlap each other or overlap periodic copies of the mask; "
+            "pass the union of the elements as one Aperture (a | b), or a longer period"
         )
 
 
