@@ -109,8 +109,7 @@ def _laws(source: Aperture | Slits | Array, points: int, seed: int) -> Iterator[
     at_zero, marginal = transforms.ambiguity(source, zero, xi), transforms.lag_marginal(source, xi)
     yield "A(0, xi) = R_xi(xi)", at_zero, marginal, allowed, {"xi": xi}
 
-    # The lattice resolves only low frequencies, so the integral is tested at few, small
-    # frequencies.
+    # The lattice resolves only low frequencies, so the integral is tested at a few low frequencies.
     few = nu[: max(1, points // 25)] / 8.0
     lattice, cell = _lattice(low, high)
     integral = cell * transforms.wigner(source, lattice, few[:, None]).sum(axis=1)

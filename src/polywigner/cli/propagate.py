@@ -29,7 +29,7 @@ Point = tuple[float, float, float]
 _Projection = Literal["maximum", "mean"]
 
 _WIDEST = math.radians(80.0)  # default largest angle on an arc [rad]
-# Largest angle on a hemisphere [rad], the limit of suggest_sampling.
+# Largest angle from the axis of a hemisphere [rad]. It is also the limit of suggest_sampling.
 _GRAZING = math.radians(89.5)
 # Smallest default numbers of samples, for smooth figures.
 _FEWEST = {

@@ -40,8 +40,8 @@ _LEAST_SIDE = 8
 # Largest number of frequencies along each axis of a block. It limits the memory for the tables
 # along the axes.
 _TILE = 512
-# Largest fraction of frequencies that are too close to the origin for equation (F4). Such
-# frequencies take 20 times as long.
+# Largest fraction of frequencies that are too close to the origin for equation (F4). Each of these
+# frequencies takes 20 times as long as the others.
 _MOST_BELOW = 1 / 8
 
 PointByPoint = Callable[[Sequence[Array]], Sequence[Array]]

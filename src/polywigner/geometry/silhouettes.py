@@ -36,8 +36,8 @@ ON = 1e-9
 _AFAR = 1e6
 # Numbers of ray-triangle pairs and of triangle pairs processed at once: about 50 MB each.
 PAIRS, _PAIRS_OF_TRIANGLES = 1 << 20, 1 << 14
-# Largest product of face count and source-point count for which each source point gets its own
-# silhouette.
+# Largest product of the numbers of faces and source points for which each source point has a
+# separate silhouette.
 _MOST_FACES = 1 << 15
 # Margin added to the half-angle of cones around bodies [rad], larger than rounding errors.
 _WIDER = 1e-6

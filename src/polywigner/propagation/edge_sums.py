@@ -192,7 +192,8 @@ class EdgeSum:
             real, imag = self._row_sums(partial(_change, rule), np.zeros((1, 1)), columns, 2)
             total = (real + 1j * imag) * weights[edges[pair], point]
             change += sums_by_index(point, total, len(at))
-        # If all edges are far, a single node determines whether the point is in shadow.
+        # If all edges are far, the visibility of a single node determines whether the point is in
+        # shadow.
         free, near = of_points[0].sum(axis=1), weights.any(axis=0)
         change[~near] += free[~near] * self._shadow(len(waves) // 2, targets.subset(~near))
         for k, wave in enumerate(waves):

@@ -46,8 +46,8 @@ LinkMethod = Literal[BoundaryCondition, "fraunhofer", CurrentModel]
 _OPS = execution.NumpyOperations()
 # Default tolerance, and smallest tolerance, which is hundreds of times the rounding error.
 _TOLERANCE, _LEAST = 1e-6, 1e-12
-# Fraction of the largest coupling below which the tolerance is absolute, for example in pattern
-# nulls.
+# Fraction of the largest coupling below which the tolerance is absolute rather than relative, for
+# example in pattern nulls.
 _FLOOR = 1e-3
 # Number of poses per block.
 _BLOCK = 64

@@ -29,8 +29,8 @@ from polywigner.source.lattices import checked_sites, checked_weights, joint_bou
 Element = Aperture | PlacedAperture | Polyhedron | Slits
 _E = TypeVar("_E")
 
-# Largest distance from the plane z = 0, as a fraction of the diameter, and largest tilt [rad] of an
-# element that counts as lying in this plane; rounding of poses causes such deviations.
+# Limits for an element that counts as lying in the plane z = 0: largest distance from the plane, as
+# a fraction of the diameter, and largest tilt [rad]. Rounding of poses causes such deviations.
 _IN_PLANE = 1e-12
 
 

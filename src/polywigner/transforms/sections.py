@@ -351,7 +351,7 @@ def _mean_distance(u: Floats, v: Floats) -> Floats:
     """Return the mean of |t| for t between u and v."""
     a, b = np.abs(u), np.abs(v)
     total = a + b
-    # If u v is negative, ``total`` is positive, so the division is valid.
+    # If the product u v is negative, ``total`` is positive, so the division is valid.
     crosses_zero = u * v < 0
     squares = (a * a + b * b) / np.where(crosses_zero, total, 1.0)
     return 0.5 * np.where(crosses_zero, squares, total)

@@ -36,8 +36,8 @@ Point = tuple[Any, ...]
 # Phase difference [cycles] below which the difference of two waves is computed as a product, to
 # avoid cancellation.
 _CLOSE = 0.5
-# Height of a point above the plane [wavelengths], and sine of its angle to the mirrored ray, below
-# which a travelling wave grazes the point.
+# A travelling wave grazes a point if the point is below the height _LOW above the plane
+# [wavelengths], and the sine of its angle to the mirrored ray is below _GRAZING.
 _LOW, _GRAZING = 1.0, 0.3
 # Decay exponent of an evanescent wave, divided by 2 pi, below which the wave grazes a point. The
 # wave has then decayed by a factor of less than exp(pi).

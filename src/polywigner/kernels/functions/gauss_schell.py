@@ -22,8 +22,8 @@ from polywigner.numerics.phases import cos_sin_cycles, one_less_exp
 Values = tuple[Any, ...]
 Rules = tuple[npt.NDArray[np.float64], ...]
 
-# Shape of the arc of integration, (I5): smallest parameter c, and largest ratio of height to
-# length.
+# Limits on the shape of the arc of integration in (I5): smallest parameter c, and largest ratio of
+# height to length.
 _SPREAD, _LIFT = 10.0, 0.6
 # Lengths c |x_end - x_start| of an arc at which the number of quadrature nodes increases, and the
 # numbers of nodes. If beta_s exceeds 8, the length is first multiplied by beta_s/8. Errors are

@@ -47,7 +47,7 @@ _MOST_CYCLES = 1.25
 # error below 5e-5.
 _MOST_WITHIN = 4.0
 _MOST_POINTS = 1_000_000
-# Size of a signal above which the signal is a dask array [bytes].
+# Largest size of a signal in memory [bytes]. Larger signals are dask arrays.
 _MOST_BYTES = 1 << 30
 # Relative tolerance for frequencies at the limits of the band.
 _ROUNDING = 1e-9
