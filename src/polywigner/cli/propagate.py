@@ -355,7 +355,7 @@ def _parse_arc(text: str, shape: tuple[int, ...]) -> Region:
     phi, largest_theta = (*map(parse_angle, angles), *(0.0, _WIDEST)[len(angles) :])
     if not 0 < largest_theta < math.pi / 2:
         raise QuantityError(
-            f"the largest angle must be above 0 and below 90 deg, got {text!r}; write degrees "
+            f"the largest angle must be between 0 and 90 deg, got {text!r}; write degrees "
             'with their unit, such as "80 deg"'
         )
     return Region("arc", shape, (), parse_length(distance), phi, largest_theta)
