@@ -58,8 +58,8 @@ class LensOptions(SourceOptions):
         else:
             if self.wavelength is not None or self.frequency is not None:
                 raise ArgumentError(
-                    "--wavelengths cannot be combined with --wavelength or --frequency; omit one "
-                    "of them"
+                    "expected --wavelengths without --wavelength and --frequency, got several of "
+                    "these options; omit one of them"
                 )
             lengths = [parse_length(part) for part in self.wavelengths.split(",")]
             pupil, _ = self.read()

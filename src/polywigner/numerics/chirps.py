@@ -203,7 +203,7 @@ def _edge_cycles(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Floats:
     if (most > _MOST_CYCLES).any():
         raise ArgumentError(
             f"the phase of the curved wave changes by {most.max():.2g} cycles along an edge of the "
-            f"outline, at most {_MOST_CYCLES:.0e} cycles are allowed; use lower frequencies, or "
+            f"outline, but at most {_MOST_CYCLES:.0e} are allowed; use lower frequencies, or "
             "points farther from the source and from its images behind an optical system"
         )
     return most

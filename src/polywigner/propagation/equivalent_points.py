@@ -289,8 +289,8 @@ def radiating_points(
         size, count = " × ".join(f"{side:.3g}" for side in high - low), math.prod(tried)
         raise ArgumentError(
             f"the source is too large for obstacles: a source of {size} wavelengths requires at "
-            f"least {count} equivalent points, but only {most} are allowed; move obstacles and "
-            "points away from the source, or use a part of the source"
+            f"least {count} equivalent points, but at most {most} are allowed; move obstacles "
+            "and points away from the source, or use a part of the source"
             if count > most
             else (
                 f"the field of the source of {size} wavelengths cannot be represented by "
