@@ -140,7 +140,7 @@ BAD = {
         (lambda: pw.cosine_taper(1e-2, power=0), "power"),
         (lambda: pw.cosine_taper(1e-2, 6e-3, dimension=1), "height=None"),
         (lambda: pw.te_mode(1e-2, 6e-3, 0, 0), "m of at least 1"),
-        (lambda: pw.te_mode(1e-2, 6e-3, 0, 1), "only the other component"),
+        (lambda: pw.te_mode(1e-2, 6e-3, 0, 1), "TE_01 has no y component"),
         (lambda: pw.te_mode(1e-2, 6e-3, 1, 0, component="z"), "component"),
         (lambda: pw.taylor_taper(1e-2, sll=-30), "30 for sidelobes at -30 dB"),
         (lambda: pw.taylor_taper(1e-2, nbar=101), "nbar"),

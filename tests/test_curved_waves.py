@@ -135,9 +135,12 @@ def test_sources_with_curved_waves_are_values():
     ("call", "message"),
     [
         (lambda wave: pw.fourier(wave, [1j, 0]), "real numbers .*, got complex numbers"),
-        (lambda wave: pw.fourier(wave, [0, 1e9]), "cycles of phase of the curved wave"),
-        (lambda wave: pw.amplitude(wave, [0, 0, 1e-9], WAVELENGTH, "fresnel"), "cycles of phase"),
-        (lambda wave: pw.projections(wave), "flat, coherent wave for projections"),
+        (lambda wave: pw.fourier(wave, [0, 1e9]), "phase of the curved wave"),
+        (
+            lambda wave: pw.amplitude(wave, [0, 0, 1e-9], WAVELENGTH, "fresnel"),
+            "phase of the curved wave",
+        ),
+        (lambda wave: pw.projections(wave), "projections require a source with a flat"),
         (lambda wave: pw.suggest_sampling(wave, "wigner"), "a flat, coherent wave"),
         (lambda wave: pw.wigner(wave, [0, 0, 0], [0, 0]), r"x of shape \(\.\.\., 2\)"),
     ],

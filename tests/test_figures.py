@@ -91,7 +91,7 @@ def test_the_default_position_and_lag_lie_where_w_and_a_do_not_vanish():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"x": (1.0, 0.0)}, "inside the automean"),
+        ({"x": (1.0, 0.0)}, "outside the automean"),
         ({"xi": (1.0, 0.0)}, "overlap its copy shifted"),
         ({"xi": (1.0, 0.0, 0.0)}, "two.* coordinates"),
         ({"samples": 10**5}, "from 2 to 4096"),

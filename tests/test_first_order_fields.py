@@ -185,7 +185,7 @@ def test_irradiance_is_the_wigner_functions_marginal(through):
         ({"source": pw.Slits([(0.0, 1.0)])}, "Slits"),
         (
             {"through": pw.FirstOrder.free_space(1e-9) @ pw.FirstOrder.lens((0.1, 0.2))},
-            "cycles of phase of the curved wave",
+            "phase of the curved wave",
         ),
     ],
 )

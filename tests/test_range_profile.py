@@ -92,7 +92,7 @@ def test_a_plate_falls_into_its_bin_and_bins_add_up_to_the_scattered_power():
     [
         ([1.0], "2 to"),
         ([0.0, 2.0, 1.0], "ascending"),
-        ([-1.0, 1.0], "ascending edges"),
+        ([-1.0, 1.0], "ascending from zero"),
         ([100.0, 100.0 + 1e-7], "single precision"),
     ],
 )

@@ -38,8 +38,8 @@ LIBRARY_VARIABLE = "DRJIT_LIBLLVM_PATH"
 # Environment variable that switches LLVM off if it is 1.
 OFF_VARIABLE = "POLYWIGNER_NO_LLVM"
 
-# Value of LIBRARY_VARIABLE without a usable library, because Dr.Jit would otherwise open any
-# libLLVM of the system. Dr.Jit may print this value.
+# Value of LIBRARY_VARIABLE if no LLVM library is usable. Without this value, Dr.Jit would open any
+# libLLVM of the system. Dr.Jit may print the value.
 NONE_USABLE = "/no usable LLVM library; see `polywigner doctor`"
 
 # Oldest usable version. LLVM 15 and 16 abort on minima and maxima ("Cannot select: fminimum"), and

@@ -368,7 +368,7 @@ def range_angle(
     extent = np.ptp(positions)
     if not extent > 0:
         raise ArgumentError(
-            f"expected several array elements along {array_axis}, got positions "
+            f"expected array elements at several positions along {array_axis}, got positions "
             f"{positions.ravel()!r:.60}"
         )
     # The window extends beyond the array by half an element spacing at both ends, so that no weight
@@ -384,8 +384,8 @@ def range_angle(
     for rate in range(values.shape[3]):
         beams = np.tensordot(values[..., rate, :], waves * weights, axes=([1, 2], [1, 2]))
         image += np.square(np.abs(beams)).swapaxes(1, 2)
-    # The window spreads a target over several range rates, so their sum is divided by the noise
-    # bandwidth of the window in bins.
+    # The window spreads a target over several range rates. Therefore the sum over the range rates
+    # is divided by the noise bandwidth of the window in bins.
     of_rates = window_of(window, waveform.chirps)
     image /= len(of_rates) * (of_rates**2).sum() / of_rates.sum() ** 2
     floor = float(cube["noise_power"].values.mean() * of_range * (weights**2).sum())
@@ -437,8 +437,8 @@ def detections(
     far = [n + checked_count(m, "training", 1, _MOST) for n, m in zip(near, training, strict=True)]
     if any(2 * n >= size for n, size in zip(far, image.shape[-2:], strict=True)):
         raise ArgumentError(
-            "expected fewer guard and training bins than the map has bins, "
-            f"{image.shape[-2:]}, got {guard!r} and {training!r} on each side"
+            f"the {guard!r} guard bins and {training!r} training bins on each side do not fit into "
+            f"a map of {image.shape[-2:]} bins; use fewer of them"
         )
     checked_number(false_alarm, "false_alarm", "between 0 and 1", lambda x: 0 < x < 1)
     modes = ["wrap" if dim == "range_rate" else "reflect" for dim in image.dims[-2:]]

@@ -20,10 +20,11 @@ __all__ = ["check"]
 # A law: its name, its left and right side, their allowed difference, and the arguments by name.
 Law = tuple[str, Any, Any, float, dict[str, Floats]]
 
-# Allowed difference of both sides, relative to the largest possible value, for a source at the
-# origin.
+# Allowed difference between the two sides of a law, relative to the largest possible value, for a
+# source at the origin.
 _TOLERANCE = 1e-12
-# Lattice for the integral of W over x: number of points, generator, relative error of int |u|^2.
+# Lattice for the integral of W over x: number of points, generator, and relative error of the
+# integral of |u|^2.
 _LATTICE, _STEP, _LATTICE_ERROR = 10946, 6765, 2e-3
 
 
@@ -108,8 +109,7 @@ def _laws(source: Aperture | Slits | Array, points: int, seed: int) -> Iterator[
     at_zero, marginal = transforms.ambiguity(source, zero, xi), transforms.lag_marginal(source, xi)
     yield "A(0, xi) = R_xi(xi)", at_zero, marginal, allowed, {"xi": xi}
 
-    # The lattice resolves only low frequencies, so the integral is tested at few, small
-    # frequencies.
+    # The lattice resolves only low frequencies, so the integral is tested at a few low frequencies.
     few = nu[: max(1, points // 25)] / 8.0
     lattice, cell = _lattice(low, high)
     integral = cell * transforms.wigner(source, lattice, few[:, None]).sum(axis=1)

@@ -55,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             code = app(args=arguments, prog_name="polywigner", standalone_mode=False)
         except (KeyboardInterrupt, Exception) as error:
             code = _INTERRUPTED if _is_interruption(error) else _report_exception(error)
-    # Typer returns the exit code of `typer.Exit`, and 130 after Ctrl-C.
+    # Typer returns the exit code of `typer.Exit`. After Ctrl-C, it returns 130.
     if code == _INTERRUPTED:
         _report("interrupted", _INTERRUPTED)
     return code if isinstance(code, int) else 0

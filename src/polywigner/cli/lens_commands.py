@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from polywigner import Aberration, Aperture
     from polywigner import Array as ApertureArray
 
-# Smallest reversed contrast that the figure marks.
+# Smallest magnitude of a negative contrast that the figure marks.
 _FAINT = 1e-3
 Samples = Annotated[int, typer.Option(min=2, max=2001, help="Samples along each axis.")]
 
@@ -58,8 +58,8 @@ class LensOptions(SourceOptions):
         else:
             if self.wavelength is not None or self.frequency is not None:
                 raise ArgumentError(
-                    "expected either --wavelengths, or one of --wavelength and --frequency, got "
-                    "both; omit one of them"
+                    "expected --wavelengths without --wavelength and --frequency, got several of "
+                    "these options; omit one of them"
                 )
             lengths = [parse_length(part) for part in self.wavelengths.split(",")]
             pupil, _ = self.read()

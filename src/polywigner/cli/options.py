@@ -144,7 +144,7 @@ def output_stem(out: str | None, name: str) -> Path:
     if out is None:
         return Path(name)
     if not out.strip():
-        raise ArgumentError("--out must be a file name or a folder, got an empty text")
+        raise ArgumentError("--out must be a file name or a folder, got an empty string")
     path = Path(out)
     if os.path.isdir(out) or out.endswith(("/", os.sep)):  # noqa: PTH112 (see check_writable)
         return path / name

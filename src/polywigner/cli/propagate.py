@@ -29,7 +29,7 @@ Point = tuple[float, float, float]
 _Projection = Literal["maximum", "mean"]
 
 _WIDEST = math.radians(80.0)  # default largest angle on an arc [rad]
-# Largest angle on a hemisphere [rad], the limit of suggest_sampling.
+# Largest angle from the axis of a hemisphere [rad]. It is also the limit of suggest_sampling.
 _GRAZING = math.radians(89.5)
 # Smallest default numbers of samples, for smooth figures.
 _FEWEST = {
@@ -362,8 +362,8 @@ def _parse_arc(text: str, shape: tuple[int, ...]) -> Region:
     phi, largest_theta = (*map(parse_angle, angles), *(0.0, _WIDEST)[len(angles) :])
     if not 0 < largest_theta < math.pi / 2:
         raise QuantityError(
-            f"expected the largest angle between 0 and 90 deg, got {text!r}; write degrees with "
-            'their unit, such as "80 deg"'
+            f"the largest angle must be between 0 and 90 deg, got {text!r}; write degrees "
+            'with their unit, such as "80 deg"'
         )
     return Region("arc", shape, (), parse_length(distance), phi, largest_theta)
 

@@ -35,7 +35,8 @@ _Format = StrEnum("_Format", "csv nc")
 _STEPS = (1.0, 2.0, 5.0, 10.0)
 _MAP_SECONDS = 60.0  # longest computing time of a map with the default step [s]
 _TIMED = 8  # number of directions timed to choose the default steps
-# Smallest step of the map [degrees]; its 4,000,000 directions take hours for a simple body.
+# Smallest step of the map [degrees]. With this step, the map has 4,000,000 directions, which take
+# hours for a simple body.
 _FINEST_OF_MAP = 0.1273
 _STEPS_PER_LOBE = 4.0  # default number of steps of a cut per backscatter lobe
 _CUT_SECONDS = 30.0  # longest computing time of a cut with the default step [s]

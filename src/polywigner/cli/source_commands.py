@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from polywigner.figures import TransformSlices
 
 _FEWEST = 257
-# Largest default number of samples along an axis; an aperture with 100 edges takes about 10 s.
+# Largest default number of samples along an axis. This number takes about 10 s for an aperture with
+# 100 edges.
 _MOST_BY_DEFAULT = 513
 
 
@@ -118,7 +119,7 @@ _Format = StrEnum("_Format", "csv txt ffd cut msi pln")
 _STEPS_PER_LOBE = 8
 # Finest and coarsest default step [degrees]; the finest step takes 1 to 2 s.
 _FINEST, _COARSEST = 0.25, 1.0
-# Smallest step [degrees]; the values at its 4,000,000 directions take 0.2 GB.
+# Smallest step [degrees]. The values at the resulting 4,000,000 directions take 0.2 GB.
 _SMALLEST = 0.09
 
 

@@ -34,16 +34,16 @@ _LEAST_SAMPLES = 1000
 # Smallest number of terms (samples × edges × waves × copies) for which a kernel compiled for one
 # source is faster than NumPy.
 _LEAST_TERMS = 1 << 18
-# Smallest number of samples (for F), and of samples per clipped edge (for W and A), for which
-# compiled code with edges as constants is faster than with edges in memory. Code with many edges
-# takes longer to compile.
+# Smallest number of samples (for F), and smallest number of samples per clipped edge (for W and A),
+# at which compiled code with edges as constants is faster than compiled code that reads edges from
+# memory. Many constants take longer to compile.
 _LEAST_SAMPLES_AS_CODE, _LEAST_SAMPLES_PER_EDGE = 1 << 18, 1 << 14
 # Smallest number of frequencies per position, and smallest number of edges, for which compiled code
-# reads the parts of edges of each slice from a list. With fewer edges, clipping the edges again is
+# reads the clipped edges of each slice from a list. With fewer edges, clipping the edges again is
 # as fast.
 _LEAST_COLUMNS, _LEAST_LISTED_EDGES = 256, 5
-# Smallest number of terms per family of parallel edges for which equation (F4) computes a Fourier
-# transform from the axes of the grid.
+# Smallest number of terms per family of parallel edges for which a Fourier transform on a grid is
+# computed from the axes of the grid with equation (F4).
 _TERMS_PER_FAMILY = 1 << 10
 
 

@@ -26,8 +26,8 @@ LANE = 4
 """Number of samples of one cell that a vector lane computes together."""
 MOST_TERMS_AS_CODE = 12
 """Largest number of terms of an unrolled sum. Each term takes about 20 ms to compile."""
-# Largest number of clipped edges in an unrolled `sum_large_terms`. Code with 256 clipped edges
-# compiles in 0.5 s.
+# Largest number of clipped edges for which `sum_large_terms` is unrolled. Code with 256 clipped
+# edges compiles in 0.5 s.
 _MOST_CUTS_AS_CODE = 256
 # Largest number of unrolled recursion steps. With four terms per step, unrolled code of 50 steps
 # compiles in 1.5 s, and of 1,450 steps in a minute. A loop takes 0.3 s and 0.7 s, respectively.

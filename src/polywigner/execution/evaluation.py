@@ -34,14 +34,14 @@ from polywigner.kernels.functions.slices import SliceSum
 
 Array = npt.NDArray[Any]
 
-# Smallest number of frequencies along each axis for which a Fourier transform is computed from the
-# axes of the grid.
+# Smallest number of frequencies along each axis of a grid for which a Fourier transform is computed
+# from the axes of the grid.
 _LEAST_SIDE = 8
 # Largest number of frequencies along each axis of a block. It limits the memory for the tables
 # along the axes.
 _TILE = 512
-# Largest fraction of frequencies that are too close to the origin for equation (F4). Such
-# frequencies take 20 times as long.
+# Largest fraction of frequencies that are too close to the origin for equation (F4). Each of these
+# frequencies takes 20 times as long as the others.
 _MOST_BELOW = 1 / 8
 
 PointByPoint = Callable[[Sequence[Array]], Sequence[Array]]
@@ -155,10 +155,11 @@ def evaluate_on_grid(
 # Number of samples per chunk on NumPy. Temporary arrays below 128 KiB stay in the cache of a core.
 # Larger arrays cause page faults that take longer than the computation.
 _CHUNK = 3 << 12
-# Number of samples per block whose frequencies share slices, on NumPy and in compiled code.
-# Compiled code stores only positions and frequencies, so its blocks can be larger.
+# Number of samples per block if all frequencies at a position share its slice: with NumPy, and in
+# compiled code. Compiled code stores only positions and frequencies, so its blocks can be larger.
 _SHARED_BLOCK, _LARGE_BLOCK = 1 << 18, 1 << 20
-# Smallest number of frequencies per position for which all frequencies share the slice.
+# Smallest number of frequencies per position for which the slice at each position is computed only
+# once.
 _LEAST_COLUMNS = 64
 # Largest number of (table row, point) pairs in memory. One array of pairs takes 32 MiB in float64.
 _BLOCK = 1 << 22

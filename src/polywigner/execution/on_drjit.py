@@ -31,14 +31,14 @@ from polywigner.kernels.functions.slices import MOST_PAIRS_AS_CODE, SliceSum
 from polywigner.kernels.outline import Frame, Tables, is_plain
 from polywigner.numerics import phases
 
-# Largest number of cached functions, and largest number of recordings of each function. Arguments
-# with a single entry require a separate recording.
+# Largest number of cached functions, and largest number of recordings of each function. Dr.Jit
+# records a function again if an argument changes between one entry and several entries.
 _MOST, _MOST_RECORDINGS = 64, 8
-# Numbers of samples per chunk: if samples are sorted by cell, and for edges as code. Launching a
-# kernel takes little time compared with such a chunk. The arguments of a chunk take some 10 MB and
-# 5 MB. Sorted chunks are larger because each cell then contains more samples. If code used such
-# chunks, the C library would return their memory to the system, and new memory would take a third
-# of the time.
+# Number of samples per chunk if samples are sorted by cell, and if edges are constants in the code.
+# The launch of a kernel takes little time compared with a chunk. The arguments of a chunk take some
+# 10 MB and 5 MB, respectively. Sorted chunks are larger, because each cell then contains more
+# samples. The other chunks are smaller, because the C library would return the memory of larger
+# chunks to the system. New memory would then take a third of the time.
 CHUNK, _CHUNK_OF_CODE = 1 << 18, 1 << 17
 
 Array = npt.NDArray[Any]
@@ -139,8 +139,8 @@ def is_recordable(tables: Tables | OutlineTables) -> bool:
     """Return whether code that reads a source from memory can be recorded."""
     if isinstance(tables, OutlineTables):
         return True
-    # A recorded function must not read other arrays in memory, such as quadrature nodes and tables
-    # of waves.
+    # A recorded function must not read arrays other than its arguments from memory, such as
+    # quadrature nodes and tables of waves.
     return tables.coherence is None and tables.waves_per_cut <= MOST_PAIRS_AS_CODE
 
 
@@ -277,8 +277,9 @@ def row_sums(
 _LEAST_EDGES_SORTED = 5
 # Smallest number of samples per cell for which a vector lane computes several samples.
 _LEAST_PER_CELL = 8
-# Dr.Jit records a function again if arguments of equal size get different sizes, or vice versa. The
-# size of table k is a multiple of _SIZES plus (k + 1) _APART, so no two tables have equal sizes.
+# Dr.Jit records a function again if two arguments that had equal sizes get different sizes, or vice
+# versa. The size of table k is a multiple of _SIZES plus k + 1 times _APART, so no two tables have
+# equal sizes.
 _SIZES, _APART = 256, 8
 
 

@@ -33,13 +33,13 @@ from polywigner.kernels.gradients import gradient_kernel_of
 from polywigner.numerics.phases import Pair, cos_sin_cycles
 
 # Largest number of samples for which traced calls read edges from memory, because compiling edges
-# as code would take longer. Calls with at most as many samples may be recorded.
+# as code would take longer. Only calls with up to this number of samples can be recorded.
 _MOST_AS_DATA = 1 << 16
-# Number of the first call that is recorded, among calls with the same source. Up to 16 edges are
-# compiled as code, which takes 10 to 20 ms per edge. Tracing takes 1 to 3 ms in each call.
+# Position of the first recorded call in the sequence of calls with the same source. Up to 16 edges
+# are compiled as code, which takes 10 to 20 ms per edge. Tracing takes 1 to 3 ms in each call.
 _FIRST_RECORDED = 8
 # Smallest number of samples, and smallest number of edges, for which samples are sorted by cell.
-# Sorting waits for the arguments and takes about 30 ns per sample.
+# Sorting blocks until the arguments are computed, and takes about 30 ns per sample.
 _LEAST_SORTED, _LEAST_EDGES = 1 << 12, 40
 
 Numbers = tuple[Any, Any]
@@ -304,7 +304,7 @@ def _order(
     is_grouped = fills_lanes(slices, tables, grids, count // len(starts))
     is_grouped &= not drjit.grad_enabled((*components, *numbers))
     parts = []
-    # Samples are sorted chunk by chunk, so that the samples of a vector are close in memory.
+    # Samples are sorted chunk by chunk, so that the samples of one SIMD vector are close in memory.
     for start in starts:
         chunk = [a[start : start + CHUNK] for a in arrays]
         inner = kernel.enter(NumpyOperations(), tables.frame, *chunk)

@@ -158,7 +158,7 @@ def _drawn_cuts(
         return circles, _with_drawn_cuts(beam, circles)
     if cuts == "beam":
         raise ArgumentError(
-            "cuts through the beam require a pattern over phi around the full circle, got "
+            "cuts through the beam require a pattern whose phi angles cover the full circle, got "
             f"{pattern.sizes['phi']} phi angles; pass cuts=[polywigner.beam_cuts(...)]"
         )
     meridians = cuts_in(pattern)

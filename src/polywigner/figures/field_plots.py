@@ -168,7 +168,7 @@ def draw_lines(
             text += f", the peak of {part.labels[part.against]}"
         column[0].set_title(text, loc="left", fontsize=8)
     bottom, top = panels[0, 0].get_ylim()
-    # Curves may exceed the peak of the reference by a quarter of the scale.
+    # Curves may extend above the peak of the reference by a quarter of the dB range.
     panels[0, 0].set_ylim(max(bottom, floor_db), min(top, -floor_db / 4))
     panels[0, 0].set_ylabel(f"{fields[0].quantity} (dB)")
     legend: dict[str, Any] = {"frameon": False, "fontsize": 7.5, "handlelength": 2.6}

@@ -177,8 +177,8 @@ def even_axis(name: str, values: Floats) -> Floats:
     step = (values[-1] - values[0]) / max(len(values) - 1, 1)
     if not (step > 0 and np.allclose(np.diff(values), step, rtol=_EVEN, atol=0.0)):
         raise ArgumentError(
-            f"expected {name} to be at least two evenly spaced, ascending values, got "
-            f"{len(values)} values that are too few, uneven or not ascending"
+            f"{name} must have at least two evenly spaced, ascending values, got {len(values)} "
+            "values with other spacing"
         )
     return values
 

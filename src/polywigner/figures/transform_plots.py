@@ -119,14 +119,13 @@ def transform_slices(
     if not pw.lag_slice(aperture, position).area > 0:
         bounds = ", ".join(f"{b:.4g}" for b in support.bounds)
         raise ArgumentError(
-            f"the position x must be inside the automean of the source (bounds {bounds} m), "
-            f"because W is zero outside, got ({position[0]:.4g}, {position[1]:.4g}) m; check its "
-            "unit"
+            f"W is zero at the position x = ({position[0]:.4g}, {position[1]:.4g}) m, which is "
+            f"outside the automean of the source (bounds {bounds} m); check the unit of x"
         )
     if not pw.position_slice(aperture, lag).area > 0:
         raise ArgumentError(
-            "the aperture must overlap its copy shifted by the lag xi, got "
-            f"({lag[0]:.4g}, {lag[1]:.4g}) m, where A is zero; check its unit"
+            f"A is zero at the lag xi = ({lag[0]:.4g}, {lag[1]:.4g}) m, because the aperture does "
+            "not overlap its copy shifted by xi; check the unit of xi"
         )
     half = _half_width(aperture, None if checked_flag(zoomed, "zoomed") else wavelength)
     frequency = np.linspace(-half, half, samples)
@@ -357,7 +356,7 @@ _COORDINATES = {
     "wigner": ("x", "y", "nu_x", "nu_y"),
     "ambiguity": ("upsilon_x", "upsilon_y", "xi_x", "xi_y"),
 }
-# Formulas of some tiles without integrals, for the titles of the tiles.
+# Closed-form formulas of tiles, without integrals, for the titles of these tiles.
 _KNOWN = {
     ("autocorrelation", "x", "y"): "R_x",
     ("autocorrelation", "xi_x", "xi_y"): r"R_\xi",

@@ -345,7 +345,7 @@ class _Pairing:
 
     def __post_init__(self) -> None:
         """Initialise the intervals of each segment that are not shared with another segment."""
-        # Intervals of each segment that no other segment shares.
+        # For each segment, the intervals that do not coincide with another segment.
         self.free = [[(0.0, float(length))] for length in self.segments.length]
 
     def silhouette(self) -> Silhouette:

@@ -85,7 +85,7 @@ def convex_pieces(part: Part) -> list[Ring]:
             return [ring]
     vertices, triangles = triangulate_part(part)
     edges = np.concatenate([triangles[:, [k, (k + 1) % 3]] for k in range(3)])
-    # Diagonals occur in both directions, and sides of the outline in one direction.
+    # Each diagonal occurs twice, once in each direction. Each side of the outline occurs once.
     ends, counts = np.unique(np.sort(edges, axis=1), axis=0, return_counts=True)
     ends = ends[counts == 2]
     lengths = np.hypot(*(vertices[ends[:, 1]] - vertices[ends[:, 0]]).T)
@@ -123,7 +123,7 @@ def mean_polygon(first: Ring, second: Ring) -> Ring:
 # resolve smaller trapezoids.
 _NEGLIGIBLE = 1e-12
 
-# Smallest divisor, which single precision does not round to zero.
+# Smallest divisor. Single precision does not round this number to zero.
 _TINY = 1e-30
 
 

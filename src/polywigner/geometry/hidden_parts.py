@@ -23,8 +23,8 @@ Shapes = NDArray[np.object_]
 NOTHING = 1e-12
 # Width below which a triangle counts as a line, in units of NOTHING times the body's size.
 _WIDTH = 8.0
-# Largest number of overlapping pairs of triangles (0.5 GB of polygons), number of polygons in one
-# query of the search tree, and largest number of crossings (minutes of computing time).
+# Largest number of overlapping pairs of triangles, whose polygons take 0.5 GB; number of polygons
+# in one query of the search tree; largest number of crossings, which take minutes.
 _MOST_PAIRS, _BLOCK, _MOST_CROSSINGS = 1 << 20, 256, 2e8
 
 
@@ -239,9 +239,10 @@ def edges_around(shapes: Shapes) -> tuple[NDArray[np.intp], Floats, Floats]:
     points, of_ring = shapely.get_coordinates(rings, return_index=True)
     within = of_ring[1:] == of_ring[:-1]
     of_edge, begin, end = of_ring[1:][within], points[:-1][within], points[1:][within]
-    # Orientations are signs of areas, because shapely's orientation test examines one corner, which
-    # may be a spike after rounding. The areas refer to a vertex of each ring, because a ring may be
-    # far smaller than its distance from the origin.
+    # The orientation of a ring is the sign of its area. The orientation test of shapely is not
+    # used, because it examines a single corner, which may be a spike after rounding. The area is
+    # computed relative to a vertex of the ring, because a ring may be far smaller than its distance
+    # from the origin.
     origin = begin[np.searchsorted(of_edge, of_edge)]
     (x, y), (next_x, next_y) = (begin - origin).T, (end - origin).T
     crosses = x * next_y - y * next_x

@@ -32,7 +32,8 @@ from polywigner.geometry.rings import (
     spans_area,
 )
 
-# Grid spacing as a fraction of the extent: above rounding errors, below the accuracy of 1e-12.
+# Grid spacing as a fraction of the extent. It is larger than rounding errors, and smaller than the
+# accuracy of 1e-12.
 _GRID = 2.0**-44
 
 

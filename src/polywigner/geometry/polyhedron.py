@@ -335,7 +335,8 @@ def _triangles_of(points: Vertices, face: Indices, number: int) -> Indices:
     vertex = {corner.tobytes(): int(k) for corner, k in zip(flat, face, strict=True)}
     outline = shapely.Polygon(flat)
     area = float(normals_of(corners[None])[0] @ normal) / 2
-    # make_valid removes bridges to holes, which the outline contains in both directions.
+    # The outline contains each bridge to a hole twice, once in each direction. make_valid removes
+    # these bridges.
     valid = outline if outline.is_valid else shapely.make_valid(outline)
     pieces = [np.empty((0, 2))]
     for part in polygons_in(shapely.orient_polygons(valid)):

@@ -24,8 +24,8 @@ Part = tuple[Ring, ...]
 """One polygon: its exterior (counter-clockwise) followed by its holes (clockwise)."""
 
 
-# Rounding error of a cross product, relative to |product 1| + |product 2| (Shewchuk 1997,
-# "ccwerrboundA").
+# Rounding error of a cross product, relative to the sum of the magnitudes of its two products
+# (Shewchuk 1997, "ccwerrboundA").
 _CROSS_ERROR = (3.0 + 16.0 * 2.0**-53) * 2.0**-53
 
 

@@ -36,16 +36,17 @@ ON = 1e-9
 _AFAR = 1e6
 # Numbers of ray-triangle pairs and of triangle pairs processed at once: about 50 MB each.
 PAIRS, _PAIRS_OF_TRIANGLES = 1 << 20, 1 << 14
-# Largest product of face count and source-point count for which each source point gets its own
-# silhouette.
+# Largest product of the numbers of faces and source points for which each source point has a
+# separate silhouette.
 _MOST_FACES = 1 << 15
 # Margin added to the half-angle of cones around bodies [rad], larger than rounding errors.
 _WIDER = 1e-6
-# Winding number above which a point counts as inside a body; inside, it is 1 apart from rounding
-# errors.
+# Winding number above which a point counts as inside a body. The winding number of a point inside
+# is 1 apart from rounding errors.
 _IN = 0.9975
-# Largest distances between bodies that count as in contact: one in wavelengths, because a narrower
-# slit transmits no field, and one as a fraction of the extent, for float32 coordinates.
+# Largest distances between bodies that count as in contact. The first limit is in wavelengths,
+# because narrower slits transmit no field. The second limit is a fraction of the extent, for
+# float32 coordinates.
 _CLOSED, _ROUNDED = 0.05, 1e-6
 # Largest difference between the unit normals of faces that count as lying in one plane.
 _SKEW = 1e-5
@@ -505,7 +506,8 @@ def _cone(points: Floats) -> tuple[Floats, float]:
         return np.array([0.0, 0.0, 1.0]), np.pi
     axis = axis / length
     angle = float(np.arccos(np.clip(directions @ axis, -1.0, 1.0)).max()) + 1e-9
-    # A wider cone is not convex and may miss parts of a face.
+    # A cone with a half-angle of 90 degrees or more is not convex. It may contain all vertices of a
+    # face, but not all points of the face.
     return axis, angle if angle < 0.5 * np.pi else np.pi
 
 

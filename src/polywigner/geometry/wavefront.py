@@ -290,9 +290,8 @@ class Wavefront(TakesWaves):
         if method is None:
             kind = type(self.source).__name__
             raise ArgumentError(
-                f"expected a wave on an Aperture for {name}, got a wave on {kind}; apply "
-                f"{name} to the elements of an array with their waves, and make an array of "
-                "the results"
+                f"expected a wave on an Aperture for {name}, got a wave on {kind}; for an "
+                f"array, apply {name} to each element with its wave, and pass the results to Array"
             )
         return method
 

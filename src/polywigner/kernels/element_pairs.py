@@ -163,8 +163,9 @@ def _tables(array: Array, double: bool, view: View | None) -> PairTables:
         total, lost = phases.difference(high[first], high[second])
         apart = total, lost + (low[first] - low[second])
         centre, across = (mean, apart) if view is MIRRORED else (apart, mean)
-        # A pair contributes to W within one half-width of the element from the midpoint, and to A
-        # within two half-widths from the difference.
+        # Along each axis, a pair of elements contributes to W at positions up to half the width of
+        # an element away from the midpoint of the pair, and to A at lags up to the width of an
+        # element away from the difference of their positions.
         scale = 1.0 if view is MIRRORED else 2.0
     reach = np.broadcast_to(scale * np.array(local.reach) * (1 + _MARGIN), centre[0].shape)
     columns = (*_columns(centre, double), *_columns(across, double), weights.real, weights.imag)

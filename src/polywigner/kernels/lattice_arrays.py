@@ -36,8 +36,8 @@ from polywigner.source.normal_form import SourceElement, normal_form
 # Smallest number of elements for which W and A of a lattice use array factors. An array with fewer
 # elements is computed as a single source (benchmarks/array_cost.py).
 _LEAST_ELEMENTS = 4
-# Distance [node spacings] from an end of an interval within which the contribution of a node is
-# smaller than rounding errors.
+# Distance [node spacings] from an end of an interval. The contribution of a node within this
+# distance is smaller than rounding errors.
 _EDGE = 4e-15
 
 Pair2 = tuple[float, ...]

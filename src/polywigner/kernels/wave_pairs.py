@@ -21,8 +21,8 @@ import numpy as np
 from polywigner.numerics import cluster_indices
 from polywigner.numerics.phases import Pair, cos_sin_cycles
 
-# Relative difference below which frequencies are treated as equal, because sums in a different
-# order differ by rounding errors.
+# Relative difference below which frequencies are treated as equal. Sums of frequencies in a
+# different order differ by rounding errors.
 _EQUAL = 1e-14
 
 Vector = tuple[Any, ...]

@@ -202,9 +202,9 @@ def _edge_cycles(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> Floats:
     most = np.where(np.isfinite(most), most, 0.0)
     if (most > _MOST_CYCLES).any():
         raise ArgumentError(
-            f"expected at most {_MOST_CYCLES:.0e} cycles of phase of the curved wave along an "
-            f"edge of the outline, got {most.max():.2g}; use lower frequencies, or points "
-            "farther from the source and from its images behind an optical system"
+            f"the phase of the curved wave changes by {most.max():.2g} cycles along an edge of the "
+            f"outline, but at most {_MOST_CYCLES:.0e} are allowed; use lower frequencies, or "
+            "points farther from the source and from its images behind an optical system"
         )
     return most
 

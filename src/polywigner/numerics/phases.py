@@ -64,8 +64,8 @@ def sin_cycles(ops: Any, cycles: Any) -> Number:
 
 def cos_sin_cycles(ops: Any, cycles: Any) -> tuple[Any, Any]:
     """Return cos(2 pi cycles) and sin(2 pi cycles)."""
-    # Operations on jets compute both functions together, because each is the derivative of the
-    # other.
+    # For jets, which are numbers with their derivatives, cosine and sine are computed together,
+    # because the derivative of each contains the other.
     if hasattr(ops, "cos_sin_cycles"):
         cosine, sine = ops.cos_sin_cycles(cycles)
         return cosine, sine
@@ -88,7 +88,8 @@ def sinc(ops: Any, cycles: Any) -> Any:
     half = 0.5 * cycles
     reduced = half - ops.round(half)
     ratio = _sine_over_reduced(ops, reduced)
-    # Near 0, a division by c would give a derivative with an error of one ulp divided by c.
+    # Near 0, the derivative of a quotient with the divisor c would have an error of one ulp divided
+    # by c.
     near = abs(half) < 0.5
     quotient = ratio * reduced / ops.select(near, 1.0, half)
     return ops.select(near, ratio, quotient) * (0.5 / math.pi)

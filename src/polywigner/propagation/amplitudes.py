@@ -280,9 +280,8 @@ def _check_options(source: object, method: object, through: object, obliquity: o
     """Raise ArgumentError for options that obstacles and point sources do not allow."""
     if through is not None or obliquity is not None or method not in CONDITIONS:
         raise ArgumentError(
-            "the field of a PointSource or behind obstacles requires one of the methods "
-            f"{', '.join(CONDITIONS)}, got method={method!r}; omit through= and obliquity=, which "
-            "do not apply"
+            "a PointSource, and any source with obstacles, requires one of the methods "
+            f"{', '.join(CONDITIONS)}, got method={method!r}; also omit through= and obliquity="
         )
     if isinstance(source, Screen):
         raise ArgumentError(

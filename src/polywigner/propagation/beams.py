@@ -31,13 +31,13 @@ _DARK = -400.0
 # Largest level difference [dB] between samples for which a parabola is fitted. The fit is
 # inaccurate near nulls.
 _STEEP = 10.0
-# Level difference [dB] between the beam and the peak of a cut above which the cut contains only
-# rounding errors.
+# If the peak of a cut is below the beam by more than this level difference [dB], the cut contains
+# only rounding errors.
 _NOTHING = 150.0
 # Polarisation ratio [dB] above which the weaker component is a rounding error.
 _LINEAR = 200
-# Level difference [dB] between the beam and the best cut above which a warning reports that all
-# cuts miss the beam.
+# If the peak of every cut is below the beam by more than this level difference [dB], a warning
+# reports that all cuts miss the beam.
 _MISSED = 0.1
 # Number of samples per half-power beamwidth below which the error of the beamwidth is a few
 # percent.

@@ -39,7 +39,7 @@ PublicSource = Aperture | Array
 _ULP = 2.0**-52
 # Relative difference below which curvatures count as equal, divided by the condition number of B.
 _EQUAL = 8 * _ULP
-# Rounding error of Fourier transforms and images, relative to the integral of |u|.
+# Rounding error of Fourier transforms and of the fields in images, relative to the integral of |u|.
 _CLOSED = 1e-13
 _IDENTITY = FirstOrder.magnifier(1.0)
 # Numbers of additional nodes of the two quadrature rules whose difference is the error estimate.
@@ -302,7 +302,7 @@ def _clipped_planes(
     if image.any() and not image.all():
         raise ArgumentError(
             "the points lie in an image of the source or of a stop that is sharp along one axis "
-            "only (astigmatic system); move the points along the axis"
+            "only (astigmatic system); move the points along the optical axis"
         )
     return remaining, paths
 

@@ -58,8 +58,8 @@ class Sheet:
 
     def silhouettes(self, bodies: Obstacles, sources: Floats) -> list[Silhouette]:
         """Return the silhouette of the plates for each source position (n, 3)."""
-        # From all points on one side of the plane, the same edges are visible. A view from such a
-        # point also serves a source in the plane.
+        # The same edges are visible from all points on one side of the plane. A view from such a
+        # point is also valid for a source in the plane.
         centre, extent = bodies.vertices.mean(axis=0), np.ptp(bodies.vertices, axis=0).max()
         views = []
         for side in (-1.0, 1.0):

@@ -40,8 +40,8 @@ from polywigner.propagation.source_nodes import Interpolation, interpolation_for
 
 Flags = NDArray[np.bool_]
 
-# Distance [wavelengths] from the point below which an edge is near, and ratio of the limit at which
-# the blend between near and far edges ends to the limit for near edges.
+# Distance [wavelengths] from the point below which an edge is near. The limit for near edges,
+# multiplied by _OVERLAP, is the limit at which the blend between near and far edges ends.
 _CLOSE, _OVERLAP = 1.0, 1.1
 # Number of pairs (point, edge) or (point, source point) per block, which take about 100 MB.
 _PAIRS = 1 << 19
@@ -50,8 +50,9 @@ _CACHED = 1 << 14
 # Largest number of far nodes per table row. The number is rounded up to a multiple of _STEP, which
 # limits the number of compiled kernels.
 _PER_ROW, _STEP = 40, 4
-# Numbers of equivalent points and of edge waves below which a direct sum over the equivalent points
-# is faster, and largest number of positions from which the largest free field is estimated.
+# A direct sum over the equivalent points is faster if there are fewer than _LEAST_POINTS equivalent
+# points or fewer than _LEAST_PAIRS edge waves. _MOST_LEVELS is the largest number of positions from
+# which the largest free field is estimated.
 _LEAST_POINTS, _LEAST_PAIRS, _MOST_LEVELS = 16, 1 << 20, 1 << 11
 # Costs of a sample on an edge and of a boundary wave, relative to the cost of one far node at a
 # sample.
@@ -191,7 +192,8 @@ class EdgeSum:
             real, imag = self._row_sums(partial(_change, rule), np.zeros((1, 1)), columns, 2)
             total = (real + 1j * imag) * weights[edges[pair], point]
             change += sums_by_index(point, total, len(at))
-        # If all edges are far, a single node determines whether the point is in shadow.
+        # If all edges are far, the visibility of a single node determines whether the point is in
+        # shadow.
         free, near = of_points[0].sum(axis=1), weights.any(axis=0)
         change[~near] += free[~near] * self._shadow(len(waves) // 2, targets.subset(~near))
         for k, wave in enumerate(waves):

@@ -35,8 +35,8 @@ _MOST_SOURCES = 1 << 15
 _MORE_OF_UNIFORM, _MORE_OF_ANY = (0, 2, 4, 6, 9, 12, 16, 20), (0, 8, 16)
 # Relative magnitude below which singular values are rounding errors.
 _ROUNDING = 1e-9
-# Margin around the required range of sines, multiplied by the side of the bounding box in
-# wavelengths.
+# The required range of sines is extended at both ends by _MARGIN divided by the side of the
+# bounding box in wavelengths.
 _MARGIN = 4.0
 # Number of triangles per block. Each triangle has 400 nodes.
 _CELLS = 1 << 6
@@ -289,8 +289,8 @@ def radiating_points(
         size, count = " × ".join(f"{side:.3g}" for side in high - low), math.prod(tried)
         raise ArgumentError(
             f"the source is too large for obstacles: a source of {size} wavelengths requires at "
-            f"least {count} equivalent points, at most {most} are allowed; move obstacles and "
-            "points away from the source, or use a part of the source"
+            f"least {count} equivalent points, but at most {most} are allowed; move obstacles "
+            "and points away from the source, or use a part of the source"
             if count > most
             else (
                 f"the field of the source of {size} wavelengths cannot be represented by "

@@ -151,8 +151,9 @@ def check_slopes(source: PlaneSource | Wavefront, name: str) -> None:
     if isinstance(source, Wavefront) and OBLIQUITIES[name].needs_normal_derivative:
         raise ArgumentError(
             f"obliquity {name!r} is not available for curved waves and partially coherent light, "
-            f'because it varies with position and tilt; use {DEFAULT!r} or "paper", or, for '
-            "coherent light, compute the near field with polywigner.amplitude"
+            "because its factor varies with position and tilt; use "
+            f'{DEFAULT!r} or "paper", or compute the near field of coherent light with '
+            "polywigner.amplitude"
         )
 
 
@@ -190,8 +191,8 @@ _LEAST_STEPS = 16
 _BLOCK = 1 << 17
 # Largest number of directions in a search of the whole hemisphere, which takes a tenth of a second.
 _MOST = 1 << 20
-# Search radius about the directions of plane waves for wide sources, in widths of an element's main
-# lobe.
+# Radius of the search for the peak of a wide source about the direction of each plane wave, in
+# widths of an element's main lobe.
 _LOBES = 4.0
 # Relative frequency difference between element and array that causes a warning.
 _OTHER_FREQUENCY = 0.01

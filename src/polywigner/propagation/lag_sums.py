@@ -44,7 +44,7 @@ _OF_NORMAL = 0.48
 _LEVELS = (0, 2, 5, 10, 18)
 # Largest number of kinks of the ambiguity function that divide the lags into cells.
 _MOST_KINKS = 2000
-# Largest number of lags behind first-order systems.
+# Largest number of lags for fields behind first-order optical systems.
 _MOST_NODES = 1 << 20
 # Number of array elements per block.
 _BLOCK = 1 << 22
@@ -337,8 +337,7 @@ def _sum_of_waves(
 
 # Number of pairs (edge, vertex height) per block.
 _BATCH = 1 << 20
-# Number of additional nodes for a pole at the distance d from a cell of size 2 a, multiplied by
-# arcsinh(d/a).
+# A pole at the distance d from a cell of size 2 a requires _POLE/arcsinh(d/a) additional nodes.
 _POLE = 4.0
 
 
@@ -406,7 +405,7 @@ def largest_rates(source: Wavefront, points: Floats, wavelength: float) -> Float
     low, high = np.reshape(source.bounds, (2, 2))
     corners = np.array([(x, y) for x in (low[0], high[0]) for y in (low[1], high[1])])
     away = corners - points[:, None, :2]
-    # Along each axis, the slope is steepest at the smallest perpendicular distance.
+    # Along each axis, the phase slope is steepest at the smallest perpendicular distance.
     outside = np.maximum(np.maximum(low - points[:, :2], points[:, :2] - high), 0.0)[:, ::-1]
     distance = np.sqrt(away**2 + (outside**2 + points[:, 2:] ** 2)[:, None])
     slopes = away / (wavelength * distance) + (corners - source.centre) @ source.curvature

@@ -249,10 +249,11 @@ def _lattice_axis(along: Floats, spread: float, extent: float, steps: float) -> 
 
 # Relative error of the quadrature over the source.
 _QUADRATURE = 1e-9
-# Fraction of the largest tilt that the quadrature resolves. Larger tilts have negligible weights.
+# The quadrature resolves tilts up to this fraction of the largest tilt. Larger tilts have
+# negligible weights.
 _RESOLVED = 0.8
-# Largest numbers of points per quadrature rule, of array elements per spectrum over tilts, and of
-# array elements per block.
+# Largest number of points that share a quadrature rule, largest number of array elements per
+# spectrum over tilts, and largest number of array elements per block.
 _SHARED, _SPECTRUM, _BATCH = 16, 1 << 20, 1 << 16
 # Computing times [ns] of sums over tilts at one point. _NODE is the time for each quadrature node,
 # and _TILT is the time for each pair of a row of nodes and a tilt.

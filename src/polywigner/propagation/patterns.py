@@ -50,8 +50,8 @@ _STEPS_PER_LOBE = 64
 _LEAST_STEPS, _MOST_STEPS = 360, 32768
 # Number of interpolated samples per angular step of a table.
 _STEPS_PER_ANGLE = 4
-# Largest level difference [dB] between the beam and the normal for which the great circles are
-# along x and y.
+# Largest level difference [dB] between the beam and the direction normal to the aperture for which
+# the great circles are along x and y.
 _NORMAL = 0.1
 # Smallest number of meridians for interpolation over phi.
 _LEAST_MERIDIANS = 8

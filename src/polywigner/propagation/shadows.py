@@ -84,8 +84,8 @@ _ON_SURFACE = 4.0
 # Number of pairs (edge, point) below which the launch of a compiled kernel takes longer than the
 # computation with NumPy.
 _FEW = 10_000
-# Distances from the line through the source and a corner, divided by the square root of the source
-# distance [square root of a wavelength]. Derivatives lose digits at distances below _CORNER, but
+# Distances from the line through the source and a corner [square root of a wavelength], divided by
+# the square root of the source distance. Derivatives lose digits at distances below _CORNER, but
 # not at _BESIDE. The search is limited to angles from the corner with 1 - cos(angle) below
 # _ALIGNED.
 _CORNER, _BESIDE, _ALIGNED = 1e-5, 1e-4, 1e-8

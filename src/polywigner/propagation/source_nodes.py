@@ -32,8 +32,8 @@ NEAR = 0.3
 _LIMITS = {1: 1e-3, 3: 8e-3, 5: 8e-3, 7: 8e-3}
 # Relative error below which the centre alone represents the source.
 _BY_CENTRE = 5e-4
-# Lower limit of the detour that separates near from far edges, and the multiples of the smallest
-# detour that are tried.
+# Lower limit of the detour that separates near edges from far edges. The separating detour is the
+# smallest detour times one of the factors in _RATIOS.
 _LEAST_DETOUR, _RATIOS = 0.05, tuple(1.5**k for k in range(10))
 _MOST_NODES = 225
 # Smallest distance between far edges and the line of sight, in units of half the source size.
@@ -276,7 +276,7 @@ def _few_nodes(
     """
     numbers = []
     for at, sums in waves.axes:
-        # If the points lie on a line along the other axis, a single node is enough on this axis.
+        # If all points have the same coordinate along this axis, a single node is enough.
         for count in [count for count in allowed if count == 1 or len(at) > 1]:
             nodes, fractions = _axis(at, count)
             distance = waves.distance[:, None]

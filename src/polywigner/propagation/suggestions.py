@@ -213,7 +213,8 @@ def suggest_sampling(
         if quantity not in (*_FIELDS, "pattern"):
             raise ArgumentError(
                 f'the quantity "{quantity}" requires a flat, coherent wave, got a Wavefront; pass '
-                "its .source, and use finer steps if its phase varies faster"
+                "its attribute .source, and use finer steps if the phase of the wave varies faster "
+                "than the field of the source"
             )
         source = source.source
     if quantity in _PHASE_SPACE:
@@ -239,7 +240,9 @@ def _phase_space_bands(source: Any, wavelength: Any, quantity: str, reach: Any) 
     if reach is not None:
         most = checked_length(reach, "reach")
     elif wavelength is None:
-        raise ArgumentError("expected a wavelength in m or a reach in 1/m, got neither")
+        raise ArgumentError(
+            "expected the argument wavelength (m) or the argument reach (1/m), got neither"
+        )
     else:
         most = 1 / checked_wavelength(wavelength)
     elements = source.elements_in_plane

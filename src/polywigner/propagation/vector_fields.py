@@ -67,9 +67,9 @@ from polywigner.transforms.xarray_arguments import takes_xarray
 _OPS = execution.NumpyOperations()
 
 SECOND = DERIVATIVE_OF[DEFAULT]
-# Phase difference [rad] between neighbouring frequencies across half of the source. Grazing waves
-# cannot be divided by p_z. The field is analytic in the frequency, so the mean over four
-# neighbouring frequencies replaces each grazing wave, with a relative error of 1e-11.
+# Grazing waves cannot be divided by p_z. The field is analytic in the frequency, so the mean over
+# four neighbouring frequencies replaces each grazing wave, with a relative error of 1e-11. _ASIDE
+# is the phase difference [rad] between neighbouring frequencies across half of the source.
 _ASIDE = 3e-3
 _MEANS = ((-2.0, -1 / 6), (-1.0, 4 / 6), (1.0, 4 / 6), (2.0, -1 / 6))
 # Rounding error of each part of a field.

@@ -56,8 +56,8 @@ _LEVELS = (2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 15.0, 20.0, 28.0)
 _MANY_TRIANGLES = 500
 # Largest number of nodes, which take 64 MiB.
 _MOST_NODES = 1 << 22
-# Largest difference of highest frequencies, as a fraction of 1/wavelength, for which points share a
-# quadrature rule.
+# Points share a quadrature rule if their highest frequencies differ by at most this fraction of
+# 1/wavelength.
 _RATE_STEP = 0.25
 # Fraction of the allowed error below which the error of a point is not reduced further.
 _SETTLED = 0.03

@@ -94,7 +94,8 @@ def sample_automean(
     >>> positions.shape, round(float(density.sum()), 6)
     ((100, 2), 100.0)
     """
-    # The curvature of a wave does not change the automean.
+    # The curvature of a wave does not change the automean, which is the set of midpoints of all
+    # pairs of source points.
     flat: Any = flat_source(source)
     numbers = _checked_numbers(samples, kernel_for("wigner", flat).dimension, seed)
     support = _automean(flat)
@@ -138,9 +139,9 @@ def _automean(source: Any) -> Aperture | Slits:
     if isinstance(source, Aperture):
         return automean(source)
     ends = np.concatenate([element.intervals for element in source.elements_in_plane]) / 2
-    # The midpoints of points in two slits form an interval. After the lower and the upper ends are
-    # sorted separately, the union of all intervals has a gap between ends[k] and begins[k + 1] if
-    # begins[k + 1] is larger.
+    # The midpoints of all pairs of points in two slits form an interval. The lower and the upper
+    # ends of all such intervals are sorted separately. The union of the intervals has a gap between
+    # ends[k] and begins[k + 1] if begins[k + 1] is larger.
     begins, ends = np.sort((ends[:, None] + ends).reshape(-1, 2), axis=0).T
     gaps = np.flatnonzero(begins[1:] > ends[:-1])
     return Slits(np.column_stack([begins[np.append(0, gaps + 1)], ends[np.append(gaps, -1)]]))
@@ -162,8 +163,8 @@ RaySampling = Literal["uniform", "quasi-random"]
 
 # Number of rays per block; a block takes about 200 MB.
 _BLOCK = 1 << 20
-# Number of independent sets of quasi-random numbers, whose scatter estimates the standard error to
-# a fifth.
+# Number of independent sets of quasi-random numbers. The standard error is estimated from their
+# scatter, with an uncertainty of about a fifth.
 BATCHES = 16
 # Angle by which a cone may extend behind the source, as a fraction of pi/2. It allows for axes in
 # single precision.

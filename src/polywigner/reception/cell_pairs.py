@@ -34,7 +34,8 @@ from polywigner.source.normal_form import normal_form
 
 # Area below which a clipped part counts as a rounding error, relative to the clipping box.
 _SLIVER = 1e-14
-# Smallest ratio of the short to the long side of a box that is quartered. Longer boxes are halved.
+# Smallest ratio of the shorter to the longer side for which a box is divided into four parts.
+# Longer boxes are halved.
 _SQUARE = 0.7
 # Number of nodes per cycle, as a fraction of NODES_PER_CYCLE. This gives 2.5 nodes per cycle, while
 # Gauss rules need pi/2. With 4 additional nodes, integrals of waves over triangles have errors of
@@ -364,11 +365,13 @@ _ORDERS = np.array([2, 3, 4, 5, 6, 8, 10, 12, 15, 18, 22, 26, 32, 38, 46, 56])
 _MOST_PHASE = 70.0
 # Largest ratio of the sum of both cells' half diagonals to the distance between the cells.
 _MOST_RATIO = 4.0
-# Ratio of order to phase [rad] below which no digit is correct. Gauss rules require a ratio of 1/2.
+# Ratio of the interpolation order to the phase in rad, below which no digit of the result is
+# correct. Gauss rules require a ratio of 1/2.
 _IDLE = 0.25
 # Rounding error of a pair, relative to its sum of moduli.
 _ROUNDING = 1e-15
-# Largest number of kernel values per pose (several minutes), and of cell pairs per pose.
+# Largest number of kernel values per pose, which take several minutes, and largest number of cell
+# pairs per pose.
 _MOST_VALUES, _MOST_PAIRS = 1 << 29, 1 << 17
 
 
@@ -428,7 +431,8 @@ def _expected_error(links: Links, parts: Pairs) -> Floats:
 def _initial(links: Links, pairs: Pairs, digits: float) -> Pairs:
     """Evaluate pairs at the two lowest orders that may give ``digits`` correct decimal digits."""
     phase = _phase(links, pairs)
-    # The formula was fitted to the lowest sufficient orders of squares at all distances.
+    # The formula was fitted to the lowest orders that are sufficient for pairs of squares, over all
+    # distances between the squares.
     likely = 1 + digits / 3 + 0.8 * np.sqrt(phase)
     least = np.minimum(np.maximum(2 + _IDLE * phase, likely), _ORDERS[-2])
     orders = np.searchsorted(_ORDERS, least)

@@ -46,15 +46,15 @@ LinkMethod = Literal[BoundaryCondition, "fraunhofer", CurrentModel]
 _OPS = execution.NumpyOperations()
 # Default tolerance, and smallest tolerance, which is hundreds of times the rounding error.
 _TOLERANCE, _LEAST = 1e-6, 1e-12
-# Fraction of the largest coupling below which the tolerance is absolute, for example in pattern
-# nulls.
+# Fraction of the largest coupling below which the tolerance is absolute rather than relative, for
+# example in pattern nulls.
 _FLOOR = 1e-3
 # Number of poses per block.
 _BLOCK = 64
 # Relative rounding error of Friis' formula with phase, equation (RX4).
 _ROUNDING = 1e-12
-# Number of additional nodes along each side of a cell for a tolerance of 1e-6, and for each further
-# digit.
+# Number of additional nodes along each side of a cell for a tolerance of 1e-6, and additional
+# number of nodes for each further digit.
 _NODES, _NODES_PER_DIGIT = 4.0, 0.5
 
 

@@ -314,7 +314,7 @@ def _power(
 _REFLECTIONS = {1: "one reflection", 2: "two reflections", 3: "three reflections"}
 # Number of directions per block.
 _TOGETHER = 200
-# Largest number of directions tested for further reflections.
+# Largest number of directions that are tested for further reflections, which cause a warning.
 _MOST_WARNED = 4096
 # In floating point, cos(pi/2) is 6e-17, so cosines below _AT_POLE count as zero. At the poles, most
 # cross sections depend on the azimuth, through the polarisation and through walls parallel to z,

@@ -29,8 +29,8 @@ from polywigner.source.lattices import checked_sites, checked_weights, joint_bou
 Element = Aperture | PlacedAperture | Polyhedron | Slits
 _E = TypeVar("_E")
 
-# Largest distance from the plane z = 0, as a fraction of the diameter, and largest tilt [rad] of an
-# element that counts as lying in this plane; rounding of poses causes such deviations.
+# Limits for an element that counts as lying in the plane z = 0: largest distance from the plane, as
+# a fraction of the diameter, and largest tilt [rad]. Rounding of poses causes such deviations.
 _IN_PLANE = 1e-12
 
 
@@ -444,7 +444,8 @@ def repeated_element(
     return Array._of(repeated=(element, positions), weights=amplitudes, paths=None)
 
 
-# Largest number of pairs of convex pieces for which the automean is computed; 500 pairs take 0.7 s.
+# Largest number of pairs of convex pieces for which the automean (the set of midpoints of all pairs
+# of source points) is computed. The computation for 500 pairs takes 0.7 s.
 _MOST_AUTOMEAN_PAIRS = 500
 
 

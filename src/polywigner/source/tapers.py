@@ -257,8 +257,8 @@ def te_mode(
     number, axis = (along_x, "m") if component == "y" else (along_y, "n")
     if number == 0:
         raise ArgumentError(
-            f"expected {axis} of at least 1 for the component {component}, got 0; TE_{m}{n} "
-            "has only the other component"
+            f"expected {axis} of at least 1, got 0; the field of TE_{m}{n} has no {component} "
+            "component"
         )
     return _product_of_waves(
         _half_periods(along_x, a, sine=component == "y"),

@@ -315,8 +315,8 @@ def _blocks_for(system: FirstOrder, dimension: int) -> tuple[NDArray[np.float64]
         return blocks
     if any(block[0, 1] or block[1, 0] for block in blocks):
         raise ArgumentError(
-            "expected an optical system that does not couple x and y for slits, got a system "
-            f"that does: {system!r}"
+            "slits require an optical system that does not couple x and y, got a system that "
+            f"couples them: {system!r}"
         )
     return tuple(block[:1, :1] for block in blocks)
 

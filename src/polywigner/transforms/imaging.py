@@ -47,8 +47,8 @@ from polywigner.transforms.checked_calls import broadcast_shape
 from polywigner.transforms.public_transforms import fourier
 from polywigner.transforms.pupil import checked_energy, checked_pupil_radius, checked_waves
 
-# Largest number of polygon intersections. Computing this number takes some minutes and 2 GB of
-# memory.
+# Largest number of polygon intersections. The computation of that many intersections takes some
+# minutes and 2 GB of memory.
 _MOST = 1 << 20
 # Number of plane-wave values per block, which takes 64 MB.
 _BLOCK = 1 << 22
@@ -438,9 +438,8 @@ def _check_overlaps(mask: Aperture | Array, lattice: Floats) -> None:
     overlap = len(shifts) * areas.sum() - shapely.union_all(copies).area
     if overlap > _OVERLAP * areas.min():
         raise GeometryError(
-            "elements of the mask overlap each other or the copies of the mask, where their "
-            "transmissions would add up; pass the union of the elements as one Aperture (a | "
-            "b), or a longer period"
+            "elements of the mask overlap each other or overlap periodic copies of the mask; "
+            "pass the union of the elements as one Aperture (a | b), or a longer period"
         )
 
 

@@ -157,9 +157,9 @@ def projections(
     checked_choice(kind, "kind", get_args(PhaseSpaceFunction))
     if isinstance(source, Wavefront):
         raise ArgumentError(
-            "expected a source with a flat, coherent wave for projections, got a Wavefront, "
-            "whose tiles of mixed coordinates have no closed form; use its attribute "
-            ".source, or sum values of wigner"
+            "projections require a source with a flat, coherent wave, got a Wavefront, for which "
+            "some projections have no closed form; use its attribute .source, or sum values of "
+            "wigner"
         )
     dimension = kernel_for(kind, source).dimension
     checked_engine(engine)

@@ -157,8 +157,8 @@ def _otf_jets(
             values = lag_marginal(source, lags, **how)
         else:
             values = ambiguity(source, -2.0 * bend * lags, lags, **how)
-        # The division is in place, because page faults of another array would take longer than the
-        # kernel.
+        # The array is divided in place, because page faults of a second array would take longer
+        # than the kernel.
         values = np.asarray(values)
         values /= checked_energy(source)
         return np.reshape(values + 0j, (-1, 1))

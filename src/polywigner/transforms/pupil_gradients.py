@@ -260,7 +260,8 @@ class _AutocorrelationDerivatives:
         total = np.zeros((len(regions.lags), edges[-1].vertices.stop, 2), np.complex128)
         pairs = zip(regions.row, regions.first, regions.second, regions.weights, strict=True)
         for row, i, j, weight in pairs:
-            # A point p in the copy with element ``i`` is p minus the lag in the other copy.
+            # If a point has the position p in the copy of the pupil with element ``i``, it has the
+            # position p minus the lag in the copy with element ``j``.
             ahead = self._along_edges(edges, i, j, -regions.lags[row])
             behind = self._along_edges(edges, j, i, regions.lags[row]).conj()
             total[row, edges[i].vertices] += weight * ahead

@@ -34,7 +34,8 @@ from polywigner.source.normal_form import SourceElement, normal_form
 
 _OPS = NumpyOperations()
 
-# Number of values in a temporary array, some tens of megabytes with intermediate results.
+# Number of values in a temporary array. The array and its intermediate results take some tens of
+# megabytes.
 _BLOCK = 1 << 20
 
 # Difference below which frequency shifts are treated as equal, as a fraction of the largest shift,
@@ -350,7 +351,7 @@ def _mean_distance(u: Floats, v: Floats) -> Floats:
     """Return the mean of |t| for t between u and v."""
     a, b = np.abs(u), np.abs(v)
     total = a + b
-    # If u v is negative, ``total`` is positive, so the division is valid.
+    # If the product u v is negative, ``total`` is positive, so the division is valid.
     crosses_zero = u * v < 0
     squares = (a * a + b * b) / np.where(crosses_zero, total, 1.0)
     return 0.5 * np.where(crosses_zero, squares, total)

@@ -156,8 +156,9 @@ def tilts_of(source: Wavefront, error: float, longest: float = math.inf) -> tupl
         raise ArgumentError(
             f"expected a coherence width of at least {least:.3g} m for a source of "
             f"{' x '.join(f'{side:.3g}' for side in sides)} m, got "
-            f"{source.coherence_width:.3g} m, which would need too many tilts; "
-            "polywigner.wigner accepts any width, except for arrays of hundreds of elements"
+            f"{source.coherence_width:.3g} m, which would need too many tilts; use a larger width, "
+            "or polywigner.wigner, which accepts any width unless the source is an array of "
+            "hundreds of elements"
         )
     nodes, weights = gaussian_product_rule(tuple(lags_in_widths.tolist()), error)
     return nodes / (2 * math.pi * source.coherence_width), weights

@@ -165,8 +165,8 @@ def _path_of_polyline(polyline: Any, layer: str) -> Path:
     """
     if polyline.has_width:
         raise FileFormatError(
-            f"expected polylines of width zero, got one with a width on layer {layer[:60]!r}; "
-            "set its width to zero, or draw its area as a hatch"
+            "expected polylines of width zero, got a polyline with a width on layer "
+            f"{layer[:60]!r}; set its width to zero, or draw its area as a hatch"
         )
     if polyline.dxftype() == "LWPOLYLINE":
         rows, height = polyline.get_points("xyb"), polyline.dxf.elevation
@@ -393,7 +393,7 @@ def _closed_chains(tips: Sequence[Points], gap: float) -> list[list[tuple[int, b
         raise FileFormatError(
             f"expected lines and arcs whose ends meet in pairs, got an end at ({x:.6g}, "
             f"{y:.6g}) that meets {counts[worst] - 1} others; close the outline, or move "
-            "other lines to a layer that is off"
+            "unrelated lines to a layer that is off"
         )
     partner = np.empty_like(counts)
     partner[first[first != second]] = second[first != second]

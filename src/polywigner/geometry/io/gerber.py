@@ -120,7 +120,7 @@ def _checked_statements(text: str) -> tuple[str, str]:
                 "export the layer without panels, blocks, transformations and unusual macros",
             )  # fmt: skip
         unit = match["unit"] or unit
-        # gerbonara does not accept one-letter names, or G1 in place of G01, so both are rewritten.
+        # gerbonara accepts neither one-letter names nor G1 in place of G01, so both are rewritten.
         statement = re.sub(rf"^(%AM|%ADD\d+)(?={_NAME})", r"\1M_", statement)
         statement = re.sub(r"^G(?=[123](?:[XYIJD]|$))", "G0", statement)
         statements.append(statement + "*%\n" if statement[0] == "%" else statement + "*\n")

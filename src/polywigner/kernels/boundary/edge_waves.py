@@ -36,8 +36,8 @@ Point = tuple[Any, ...]
 # Phase difference [cycles] below which the difference of two waves is computed as a product, to
 # avoid cancellation.
 _CLOSE = 0.5
-# Height of a point above the plane [wavelengths], and sine of its angle to the mirrored ray, below
-# which a travelling wave grazes the point.
+# A travelling wave grazes a point if the point is below the height _LOW above the plane
+# [wavelengths], and the sine of its angle to the mirrored ray is below _GRAZING.
 _LOW, _GRAZING = 1.0, 0.3
 # Decay exponent of an evanescent wave, divided by 2 pi, below which the wave grazes a point. The
 # wave has then decayed by a factor of less than exp(pi).
@@ -338,8 +338,10 @@ class _EdgePaths:
         # ``closing`` is 1 - cos(angle) for the angle at the edge between the directions to the
         # source and to the point. It is 2 at the shadow boundary.
         self.closing = 0.5 * dot(away, away)
-        # ``turn`` is the product of the distances of the source and the point from the line of the
-        # edge, and the sine of this angle. It is positive to the left of the edge.
+        # ``turn`` is the product of three factors: the distance of the source from the line of the
+        # edge, the distance of the point from this line, and the sine of the angle at the edge
+        # between the directions to the source and to the point. It is positive to the left of the
+        # edge.
         self.turn = dot(cross(from_source, along), to_point)
 
         def root_at(s: Any) -> Number:
@@ -350,9 +352,9 @@ class _EdgePaths:
             size = ops.sqrt(product * product + lean * lean) + product
             return lean * ops.sqrt(2.0 / (size * (rho + radius + shortest)))
 
-        # ``low`` and ``high`` are the values of v at the ends of the edge. The square v^2 is the
-        # detour over the end minus the shortest detour, and v is negative before the position of
-        # the shortest detour.
+        # ``low`` and ``high`` are the values of v at the ends of the edge. The square of v is the
+        # detour over an end minus the shortest detour. The sign of v is negative at positions
+        # before the shortest detour.
         self.low, self.high = root_at(0.0 * length), root_at(length)
 
     def plate_turn(self, ops: Any, in_front: Any) -> Number:
@@ -483,7 +485,7 @@ def edge_wave(
             z = Pair(q, y)
             risen = z * stretched
             # The arguments of ``risen`` and ``growing`` are below 180 degrees, but their sum may
-            # exceed 180 degrees. Therefore each factor has a separate root.
+            # exceed 180 degrees. Therefore the root of each factor is computed separately.
             growing = root(ops, Pair(risen.real + foot, risen.imag)) if is_black else grown
             rooted = root(ops, risen) * growing
             below = Pair(detour + q, y) * Pair(total_path + q, y) * rooted

@@ -318,8 +318,8 @@ def _anglewise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, .
         abs(view.last + view.along * view.radius_last),
     )
     clear = _STRIP * sine if depth is None else depth / ops.maximum(swing, 1e-30)
-    # The interval of v may round to 0 at distant points, for which the rule along the panel is
-    # used.
+    # At distant points, the interval of v may round to 0. The rule along the panel is used at these
+    # points.
     return ops.minimum(clear, _STRIP) / ops.maximum(span, 1e-30), span * swing, midpoint, span
 
 

@@ -238,8 +238,9 @@ class _Line:
         bend = (0.5 * math.pi) * half * abs(rates[1] - rates[0])
         largest = 0.7 + ops.sqrt(1.0 + 1.0 / ops.maximum(bend, 1e-6))
         swing = half * ops.maximum(abs(rates[0]), abs(rates[1]))
-        # ``extra`` is the sum of the largest excess, 1, and log(pi N), because the integrand may be
-        # larger by the factor pi N at complex positions at which E = e.
+        # ``extra`` is 1 + log(pi N). The first term is the largest excess of the growth. The second
+        # term is necessary because the integrand may be larger by the factor pi N at complex
+        # positions at which E = e.
         path = self.ahead + ops.maximum(low.beyond, high.beyond)
         extra = 1.0 + ops.log(ops.maximum(math.pi * path, 1.0))
         clear = ops.minimum(nearest / half, largest)

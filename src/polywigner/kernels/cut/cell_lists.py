@@ -41,11 +41,13 @@ _BLOCK = 1 << 15
 _DENSE = 1 << 18
 # Margin around each cell, in units of the frame. It is far larger than rounding errors.
 _MARGIN = 1e-12
-# A level is the weighted winding number of the other copy. _NO_WEIGHT and 1/_LEVELS are tolerances
-# for zero levels and for equal levels, relative to the largest weight.
+# A level is the weighted winding number of the other copy of the outline. _NO_WEIGHT is the
+# magnitude below which a level counts as zero, and 1/_LEVELS is the difference below which two
+# levels count as equal. Both tolerances are relative to the largest weight.
 _NO_WEIGHT, _LEVELS = 1e-15, 2.0**50
-# Largest number of cells along a side, and largest total number of rows. With 64 cells along a
-# side, a cell of a regular 30-gon contains about 4 edge pairs (benchmarks/call_rates.py).
+# Largest number of cells along each side of the grid of offsets, and largest total number of rows.
+# If the outline is a regular 30-gon and the grid has 64 cells along each side, a cell contains
+# about 4 edge pairs (benchmarks/call_rates.py).
 _ACROSS, _MOST_ROWS = 64, 1 << 21
 
 
@@ -139,7 +141,8 @@ def pair_grid(
         np.concatenate([part[k] for block in blocks for part in block[:2]]) for k in range(3)
     )
     inside = np.bincount(cell[table[:, 2] == INSIDE], minlength=cells.count)
-    # Stable sorting keeps the edges inside the other copy first in each cell.
+    # In each cell, stable sorting keeps the edges inside the other copy of the outline before all
+    # other rows.
     order = np.argsort(cell, kind="stable")
     rows, level = table[order], level[order]
     rows[:, 3], levels = _numbered(level, abs(others[:, 5] + 1j * others[:, 6]).max(initial=0.0))
@@ -283,8 +286,8 @@ def _other_rows(
     """
     at, i, j = pairs
     count = changes.shape[1]
-    # If the level at a ring's first vertex changes within a cell, it is computed from the crossings
-    # with the line to the ring.
+    # The level at the first vertex of a ring may change within a cell. It is then computed from the
+    # crossings with the line that leads from outside to this vertex.
     led = changes[:, starts]
     led_cell, led_ring = led.nonzero()
     is_lead = i >= count

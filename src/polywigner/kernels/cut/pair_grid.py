@@ -20,14 +20,14 @@ from polywigner.numerics import Number
 from polywigner.numerics.grid_arithmetic import accurate_cross
 
 # Kinds of rows. CROSSING: two edges that cross. START: a crossing before which the winding number
-# is set. WHOLE: an unclipped edge. INSIDE: an edge inside the other copy (START and WHOLE). LEAD: a
-# crossing with the line from outside to the first vertex of a ring. CLIPPED: an edge that crosses
-# sides of a convex ring. START is bit 0, WHOLE bit 1.
+# is set. WHOLE: an unclipped edge. INSIDE: an edge inside the other copy of the outline (START and
+# WHOLE). LEAD: a crossing with the line from outside to the first vertex of a ring. CLIPPED: an
+# edge that crosses sides of a convex ring. START is bit 0, WHOLE bit 1.
 CROSSING, START, WHOLE, INSIDE, LEAD, CLIPPED = range(6)
 # Upper bound on the rounding error of a cross product of vectors in the frame.
 ROUNDED = 1e-13
-# Normal number below the magnitude of all nonzero cross products on the grid, which is at least
-# 2^-106 in double precision and 2^-48 in single precision.
+# Normal floating-point number below the magnitudes of all nonzero cross products on the grid. These
+# magnitudes are at least 2^-106 in double precision and 2^-48 in single precision.
 NO_LEVEL = 1e-35
 
 Array = npt.NDArray[Any]
@@ -71,7 +71,7 @@ class Outline:
         (ex, ey), (fx, fy) = vectors.T, vectors[self.following].T
         turns = accurate_cross(ex, ey, fx, fy)
         angles = np.arctan2(turns, ex * fx + ey * fy)
-        # The edges of a convex polygon turn only to the left, by one full turn around the ring.
+        # All turns of a convex polygon are to the left, and the turns add up to a single full turn.
         once = np.add.reduceat(angles, self.starts[:-1]) < 3.0 * np.pi
         return bool((turns >= 0.0).all() and once.all())
 
@@ -232,7 +232,8 @@ class PairRows:
     """Whether all weights are 1."""
 
 
-# Factors of the level and of the jump in the weight of an edge, for each kind of row on the host.
+# The weight of an edge is the level times the first factor plus the jump times the second factor.
+# The columns are the kinds of rows on the host.
 _FACTORS = np.array([[0.0, 0.0, 1.0, 1.0, 0.0], [1.0, 1.0, 0.0, 0.0, 0.0]])
 # Sine of the angle between two edges below which their intersection needs exact cross products.
 _SLANTED = 1 / 16
@@ -271,8 +272,8 @@ def cut_edges(
     table, (cross, bound) = pairs.rows.take(row, axis=1), pairs.crosses.take(row, axis=1)
     edge, other_edge = both = pairs.edges.take(table[:2], axis=0)
     p, vectors = t.take(owner) - other_edge[:, 0] - edge[:, 0], both[..., 1]
-    # The sign of the cross product of an edge with an end of the other edge is the side of this
-    # end.
+    # The sign of the cross product specifies on which side of one edge an end of the other edge
+    # lies.
     levels = np.empty((2, *vectors.shape))
     levels[0] = (vectors.conj() * p).imag
     np.subtract(levels[0, 0], cross, out=levels[1, 0])
@@ -290,7 +291,7 @@ def cut_edges(
         is_complex = pairs.levels.dtype.kind == "c"
         jump = jump * (other_edge[:, 3] if is_complex else other_edge[:, 3].real)
         before = np.cumsum(jump, dtype=np.clongdouble if is_complex else np.longdouble) - jump
-    # The first row of a ring sets the level.
+    # The level of a ring is set in the first row of the ring.
     first = np.arange(len(row)) - table[4]
     level = before - before.take(first) + pairs.levels.take(table[3])
     of_level, of_jump = _FACTORS.take(table[2], axis=1)

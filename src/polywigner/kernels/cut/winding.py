@@ -159,7 +159,8 @@ class PairClipper(Clipper):
             weight, phase = tables.mutual(real, imag, *level, *(0.0,) * (2 - count))
             phase = -phase if view is AHEAD else phase
             self._current = view, (ends_sum, extent, weight, phase)
-            # The edge vector takes the place of the unit vector, so the length is 1.
+            # This sum uses the edge vector in place of the unit vector, so the argument for the
+            # length is 1.
             return term(Edge(ax, ay, ex, ey, ex, ey, 1.0, real, imag, begin=begin, end=end))
 
         def of_inside(row: Any) -> Level:

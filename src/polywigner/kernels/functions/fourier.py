@@ -146,8 +146,8 @@ def solid_tables(body: Polyhedron, double: bool) -> SolidTables:
     """Return the tetrahedra of a polyhedron. The tables for float64 and float32 are the same."""
     centre, rows = _axes(body)
     inner = vertices_for(rows, centre, body.vertices)
-    # Fans divide opposite faces of a thin body into the same triangles, so that rounding errors
-    # cancel.
+    # Triangle fans divide opposite faces of a thin body into the same triangles, so that rounding
+    # errors cancel.
     fans = [(f[0], f[k], f[k + 1]) for f in body.faces for k in range(1, len(f) - 1)]
     corners = inner[np.array(fans, np.intp)]
     tetrahedra = np.column_stack([corners.reshape(-1, 9), _volumes(corners)]).tolist()
@@ -197,9 +197,9 @@ BODY = Kernel("fourier of a body", 3, solid_tables, enter_frequency, fan_sum, le
 # Largest error of F, as a fraction of the area, at which the sum (F4) is used, and rounding error
 # of a wave. Rounding errors of the waves change F by _ULP * perimeter/(2 pi |nu|).
 _LOSS, _ULP = 5e-15, 2.0**-53
-# Largest slenderness of an outline for which the sum (F4) is used: perimeter × largest distance
-# from the centre / area. At this limit, rounding errors of the vertices change F by 1e-14 of the
-# area.
+# Largest slenderness of an outline for which the sum (F4) is used. The slenderness is the perimeter
+# times the largest distance from the centre, divided by the area. At this limit, rounding errors of
+# the vertices change F by 1e-14 of the area.
 _MOST_SLENDER = 512.0
 # Largest q for which sin(pi q)/q is computed directly, because a matrix product of sines would lose
 # digits.
@@ -213,8 +213,8 @@ _SERIAL_PRODUCT, _LEAST_ROWS = 1 << 18, 4
 # Largest number of edges whose waves are in memory at the same time. These waves take about 40 MB
 # for 512 x 512 points.
 _MOST_EDGES = 1024
-# Difference in the frame below which edge vectors are treated as equal, because edges of congruent
-# elements differ by rounding errors.
+# Difference of edge vectors, in units of the frame, below which the vectors are treated as equal.
+# Edges of congruent elements differ by rounding errors.
 _EQUAL = 2.0**-51
 
 

@@ -22,13 +22,13 @@ from polywigner.numerics.phases import cos_sin_cycles, one_less_exp
 Values = tuple[Any, ...]
 Rules = tuple[npt.NDArray[np.float64], ...]
 
-# Shape of the arc of integration, (I5): smallest parameter c, and largest ratio of height to
-# length.
+# Limits on the shape of the arc of integration in (I5): smallest parameter c, and largest ratio of
+# height to length.
 _SPREAD, _LIFT = 10.0, 0.6
-# Lengths c |x_end - x_start| of an arc at which the number of quadrature nodes increases, and these
-# numbers of nodes. The length is multiplied by beta_s/8 if beta_s exceeds 8. Errors are below 1e-12
-# in double and 1e-7 in single precision, relative to the squared length of random edges or the
-# length of random intervals.
+# Lengths c |x_end - x_start| of an arc at which the number of quadrature nodes increases, and the
+# numbers of nodes. If beta_s exceeds 8, the length is first multiplied by beta_s/8. Errors are
+# below 1e-12 in double and 1e-7 in single precision, relative to the squared length of random edges
+# or the length of random intervals.
 _LENGTHS = (0.3, 1.0, 2.5, 4.0, 6.0, 8.0)
 _OF_EDGES = {True: (10, 14, 18, 22, 26, 30, 36), False: (8, 10, 12, 14, 16, 18, 22)}
 _OF_INTERVALS = {True: (10, 14, 20, 24, 28, 32, 44), False: (8, 10, 12, 16, 18, 20, 28)}

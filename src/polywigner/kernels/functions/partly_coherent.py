@@ -64,7 +64,7 @@ class _LagTerms(EdgeTerms):
 
     def total(self, sums: Values) -> Values:
         """Return twice the sums, which also include the mirrored edges of the other copy."""
-        # The mirrored edges of the other copy contribute the complex conjugate.
+        # The mirrored edges of the other copy of the outline contribute the complex conjugate.
         return 2.0 * sums[0], 2.0 * sums[1]
 
 

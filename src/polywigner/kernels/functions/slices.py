@@ -99,7 +99,8 @@ class SliceSum:
             zero = zero.reshape(-1)
         totals = np.empty((self.values, *zero.shape))
         totals[...] = zero
-        # Temporary arrays have one entry per (sample, edge) pair or (position, frequency) pair.
+        # Each temporary array has one entry per pair (sample, edge) or per pair (position,
+        # frequency).
         step = max(1, min(_CUT, 16 * _CUT // (columns or 1)) // len(tables.edges))
         for rows, pair, is_even, owner, part in self.parts(tables, (x, y), step):
             in_rows = nu if len(nu[0]) == 1 else [n[rows] for n in nu]
@@ -217,7 +218,7 @@ class SliceSum:
                 centre = self.scale * end - 0.5 * vector
                 centre += (self.scale * sign * side) * offset.take(owner)
                 imag: Any = 0.0
-                # The edges of the copy AHEAD have conjugated weights.
+                # The weights of the edges of the copy AHEAD are conjugated.
                 if weight.dtype.kind == "c":
                     weight, imag = weight.real, -weight.imag if side > 0.0 else weight.imag
                 part = centre.real, centre.imag, vector.real, vector.imag, weight, imag

@@ -67,21 +67,23 @@ _RULE, _FAR_RULE = edge_waves.EdgeRule.of(2.0, 16, 2), edge_waves.EdgeRule.of(0.
 # |U| of the free field, or with _WEAK if this |U| is smaller. Both constants are fractions of the
 # peak values without obstacles.
 _FAINT, _WEAK = 4e-5, 0.1
-# Largest rounding error of the excess length of a path over an end of an edge, as a fraction of the
-# detour via the edge.
+# Largest rounding error of the excess, as a fraction of the detour via the edge. The excess is the
+# additional length of a path over an end of an edge, compared with the shortest path over the line
+# of the edge.
 _ROUNDED = 0.01
-# Largest product of the numbers of faces and radiating points for which each radiating point can
-# have a separate silhouette, and largest product of the numbers of faces and nodes for which each
-# node has a separate silhouette.
+# _FEW_FACES is the largest product of the numbers of faces and radiating points for which each
+# radiating point can have a separate silhouette. _MOST_FACES is the largest product of the numbers
+# of faces and nodes for which each node has a separate silhouette.
 _FEW_FACES, _MOST_FACES = 1 << 15, 1 << 17
 # Amplitude transmission of a surface below which the surface counts as opaque.
 _OPAQUE = 2e-3
 # Shift of illuminated points, as a fraction of their distance from the source's centre. The shift
 # keeps the points off shadow boundaries despite rounding to single precision.
 _ASIDE = 1e-6
-# Tolerance for positions on a surface, as a fraction of their distance from the source's centre,
-# and gap between the end of a ray and a surface, as a fraction of the ray's length. Both fractions
-# exceed the rounding error of single precision, even at grazing incidence.
+# _ENDS is the tolerance for positions on a surface, as a fraction of their distance from the
+# source's centre. _SHORT is the gap between the end of a ray and a surface, as a fraction of the
+# ray's length. Both fractions exceed the rounding error of single precision, even at grazing
+# incidence.
 _ENDS, _SHORT = 1e-5, 4e-5
 # Relative tolerance of fields in scalar variants.
 _HOST_ERROR = 1e-4
@@ -164,7 +166,8 @@ class Shadows:
         """
         at = tuple(c * self._inverse for c in (point.x, point.y, point.z))
         if not self._jit:
-            # The factor keeps a point on a surface in front of this surface despite rounding.
+            # The factor moves the point slightly towards the source, so that rounding does not put
+            # a point on a surface behind this surface.
             change, free, _ = self._on_host(
                 positions=(1.0 - _ENDS) * np.array([at]), engine="numpy"
             )
@@ -227,8 +230,8 @@ class Shadows:
                 row = ops.gather(self._tables["edges"], number)
                 centre = tuple(m.Float(c) for c in self._centre)
                 detour, _, foot, excess = edge_waves.path_over(ops, centre, at, row[:3], row[3:6])
-                # The wave of an end has the amplitude EDGE_AMPLITUDE sqrt(1/excess - 1/detour),
-                # relative to the wave of a long edge.
+                # The wave from an end of an edge has the amplitude EDGE_AMPLITUDE sqrt(1/excess -
+                # 1/detour), relative to the wave of a long edge.
                 least = faint * detour * ops.maximum(excess * EDGE_AMPLITUDE**-2, 1.0)
                 fraction = dr.select(detour < row[16], 1.0, 1.0 + _ROUNDED - excess / detour)
                 edge = _Edge(row, detour, foot)

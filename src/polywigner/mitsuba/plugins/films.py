@@ -176,8 +176,8 @@ def _film_of_size(camera: mi.Sensor, *sizes: Any) -> Iterator[None]:
 # Number of samples per launch; Mitsuba stores about 100 bytes per sample.
 WAVEFRONT = 2**24
 
-# Largest number of strips and smallest number of rows per strip in scalar variants, where strips
-# serve only to report progress.
+# Largest number of strips, and smallest number of rows per strip, in scalar variants. These
+# variants use strips only to report progress.
 _SCALAR_STRIPS = 20
 _SCALAR_ROWS = 32
 

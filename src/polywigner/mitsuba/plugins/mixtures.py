@@ -161,8 +161,8 @@ def mixture_of(
     return source.coherent, Mixture(source.coherence_width, bandwidth)
 
 
-# The norm of a source is cached, because creating a scene entry, loading the entry and changing a
-# parameter all require the norm.
+# The norm of a source is cached, because it is required three times: to create a scene entry, to
+# load the entry, and to change a parameter.
 @lru_cache(maxsize=64)
 def norm_of(
     source: SceneSource,

@@ -148,8 +148,8 @@ def check_match(emitter: PlacedSource, receiver: PlacedSource) -> None:
         band = "" if bandwidth is None else f" within a band of {bandwidth:.6g} Hz"
         raise SceneError(
             f"the wavelengths {ends} must be equal{band}, got {emitter.wavelength:.6g} m and "
-            f"{receiver.wavelength:.6g} m, {difference:.6g} Hz apart; set the same frequency for "
-            "both, or a bandwidth of the receiver of at least twice the difference"
+            f"{receiver.wavelength:.6g} m, which differ by {difference:.6g} Hz; set the same "
+            "frequency for both, or a receiver bandwidth of at least twice the difference"
         )
     check_unit(emitter, receiver)
 

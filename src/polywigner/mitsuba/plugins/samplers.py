@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 # Largest number of strips per element, and largest total number of cells, for the sampling of
 # non-uniform fields.
 _STRIPS, _PIECES = 32, 1 << 16
-# Number of points of the table of directions per lobe of the far field, whose width is
+# Number of points per lobe of the far field in the table of directions. A lobe has the width
 # wavelength/size.
 _POINTS_PER_LOBE = 4
 # Smallest and largest number of points along each axis of the table of directions.

@@ -20,9 +20,9 @@ from polywigner.propagation.source_nodes import EDGE_AMPLITUDE, NEAR, SourceNode
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-# Largest phase step between samples along an edge [rad], largest number of samples per edge, and
-# smallest half size of a source for the calculation of the phase [wavelengths]. The error of linear
-# interpolation is step^2/24.
+# Largest phase step between samples along an edge [rad], and largest number of samples per edge.
+# The error of linear interpolation is step^2/24. The phase is calculated for a half size of the
+# source of at least _SLANT wavelengths.
 _STEP, _MOST_SAMPLES, _SLANT = 0.25, 1024, 1.0
 _NO_PLANE, _ALL_BEHIND = (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0, -1.0)
 # Largest gap between edges that count as adjacent, as a fraction of the largest coordinate.

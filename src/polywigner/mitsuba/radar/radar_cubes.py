@@ -47,7 +47,7 @@ _MOST_CYCLES = 1.25
 # error below 5e-5.
 _MOST_WITHIN = 4.0
 _MOST_POINTS = 1_000_000
-# Size of a signal above which the signal is a dask array [bytes].
+# Largest size of a signal in memory [bytes]. Larger signals are dask arrays.
 _MOST_BYTES = 1 << 30
 # Relative tolerance for frequencies at the limits of the band.
 _ROUNDING = 1e-9
@@ -320,7 +320,8 @@ def _coherent_links(
         paths, h, of_link = paths_between(
             scene, emitter, receiver, routes, options, wave.frequencies
         )
-        # Elements of a receiver share their notes.
+        # All elements of a receiver have the same notes, so only the notes of the first element are
+        # collected.
         if any(receiver is parts[0] for parts in radar.receivers):
             notes.extend(of_link)
         rates = [_path_rate(path.route, emitter, receiver, speeds) for path in paths]
@@ -343,7 +344,8 @@ def _path_rate(
         body, point, legs = _receiver_id(receiver.name), receiver.centre, [(emitter, route)]
     rate = 0.0
     for end, chain in legs:
-        # Velocity of the end's mirror image relative to the body or the receiver.
+        # Velocity of the mirror image of an antenna. The velocity of the body or the receiver at
+        # the other end of the path is subtracted below.
         velocity = speeds.get(_receiver_id(end.name), still)
         for mirror in chain:
             moved = velocity - speeds.get(mirror.name, still)

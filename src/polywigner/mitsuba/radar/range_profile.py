@@ -179,8 +179,8 @@ def checked_ranges(ranges: npt.ArrayLike) -> Floats:
         single = edges.astype(np.float32)
     if not np.isfinite(single).all() or edges[0] < 0 or not np.all(np.diff(single) > 0):
         raise ArgumentError(
-            "expected ranges to be finite, ascending edges in m that are zero or more and differ "
-            f"in single precision, got {edges[0]:g} to {edges[-1]:g} in {len(edges) - 1} steps"
+            "ranges must be finite bin edges, ascending from zero or above, also in single "
+            f"precision, got {edges[0]:g} to {edges[-1]:g} m in {len(edges) - 1} steps"
         )
     return edges
 

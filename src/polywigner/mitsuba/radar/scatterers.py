@@ -315,8 +315,9 @@ class _Names:
             if name not in names:
                 raise ArgumentError(
                     f"velocities: no object has the id {name!r}; the ids are "
-                    f"{', '.join(map(repr, sorted(names)))}; if mi.load_dict merged its mesh with "
-                    "others, load the scene with polywigner.mitsuba.load_scene, which keeps ids"
+                    f"{', '.join(map(repr, sorted(names)))}; if mi.load_dict merged the meshes of "
+                    "several objects, load the scene with polywigner.mitsuba.load_scene, which "
+                    "keeps ids"
                 )
         return Motion(
             {number: speeds[name] for number, name in self.shapes.items() if name in speeds},

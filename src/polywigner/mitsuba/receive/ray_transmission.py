@@ -261,8 +261,8 @@ class RayTracer:
             if self._polarised:
                 weight = si.to_world_mueller(weight, -sample.wo, si.wi)
             return covered * _spectral_mean(weight, self._polarised)
-        # Dividing Mitsuba's reflectance by the Fresnel reflectance leaves the textures and factors
-        # of the BSDF.
+        # Mitsuba's reflectance, divided by the Fresnel reflectance, contains only the textures and
+        # factors of the BSDF.
         inverse, *roots = _on_host(partial(_both_sides, *plane.surfaces), dr.dot(arrived, si.n))
         scale = covered * _spectral_mean(weight, False) * inverse
         if self._coherent:

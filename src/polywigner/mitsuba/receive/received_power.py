@@ -378,8 +378,8 @@ def _result(
     )
 
 
-# Number of pixels per side of an arrival map, and number of samples per pixel: first for compiled
-# variants, then for scalar variants.
+# Number of pixels per side of an arrival map, and number of samples per pixel. _FINE is for
+# compiled variants, and _COARSE is for scalar variants.
 _FINE, _COARSE = (64, 64), (24, 4)
 
 

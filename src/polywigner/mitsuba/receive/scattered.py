@@ -59,7 +59,7 @@ _NARROWEST = 1e-5
 # Relative margin around a box of angles. It is required because sides that are straight in space
 # are curved in angle coordinates.
 _MARGIN = 0.02
-# Number of points along each side of a box in space, and along each side of a box of angles.
+# Number of points along each side of a box, both for boxes in space and for boxes of angles.
 _POINTS = 3
 _PROBES = 5
 

@@ -388,8 +388,8 @@ def trace_rays(
     matrices = np.concatenate(panes)
     weights = np.sqrt(np.maximum(transmission[:, 0, 0], 0.0))
     total = weights.sum()
-    # Rays go from the receiver to the emitter, so segments are reversed, and fields for x, y and z
-    # are rows.
+    # Rays go from the receiver to the emitter, so the order of the segments is reversed. The rows
+    # of each matrix are the fields for incident x, y and z.
     mean = np.einsum("n,nlij->lij", weights, matrices)[::-1] / total if total > 0 else matrices[0]
     return transmission, list(mean)
 
@@ -497,7 +497,7 @@ def open_path(
         f"the mirror {mirror.name!r} is narrower than a Fresnel zone of {zone:.3g} m: diffraction "
         "at its edges, which is not included, changes the reflected amplitude"
         for mirror in chain
-        # A rectangle is at most as wide as a square with the same diagonal.
+        # The shorter side of a rectangle is at most the side of the square with the same diagonal.
         if math.dist(*bounds_of(mirror.shape)) / math.sqrt(2) * receiver.scene_unit < zone
     ]
     return OpenPath(parts, facing, rays, notes)

@@ -330,8 +330,8 @@ def with_delta_lights(exposure: Exposure, image: Image) -> Image:
     return result.astype(np.float32)
 
 
-# Scale factor of the mesh of a hidden source. A fraction of the rays, the square of this factor,
-# still hits the mesh, which has zero radiance.
+# Scale factor of the mesh of a hidden source. The mesh has zero radiance. The fraction of rays that
+# still hit the mesh is the square of this factor.
 _HIDDEN_SCALE = 1e-3
 
 

@@ -102,7 +102,8 @@ def choose_variant(prefer: str | None = None, polarised: bool = False) -> str:
         raise EngineError(f"the variant {prefer} requires LLVM. {status.problem} {status.remedy}")
     if polarised and not is_polarised(prefer):
         raise EngineError(
-            f"the variant {prefer!r} renders unpolarised light, but polarised=True; use {fast}"
+            f"the variant {prefer!r} renders unpolarised light, but polarised=True was passed; use "
+            f"{fast}"
         )
     return prefer
 

@@ -223,7 +223,7 @@ class ShapeExtents:
         if not dr.is_jit_v(mi.Float):
             return max(result, self._sizes.get(id(si.shape), 0.0))
         number = number_of("Shape", si.shape)
-        # Shapes of instances have higher registry numbers.
+        # The registry numbers of shapes in instances are higher than all numbers in the table.
         size = dr.gather(mi.Float, self._table, number, number <= self._last)
         return dr.select(size > result, size, result)
 
