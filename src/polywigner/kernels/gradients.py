@@ -224,7 +224,7 @@ def _weights(ops: Any, tables: Tables) -> list[Pair]:
 
 
 class _WavePairGradients:
-    """Derivatives of W or A for a pair of plane waves, including those with respect to weights."""
+    """Derivatives of W or A for a pair of plane waves, also with respect to weights."""
 
     values = 12
 

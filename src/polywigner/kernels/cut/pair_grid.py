@@ -35,7 +35,7 @@ Array = npt.NDArray[Any]
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """Elements with the same field, with their vertices on a grid.
+    """Elements with the same field; their vertices lie on a grid.
 
     On the grid, sums and differences of an offset and two vertices are exact, (K2) of
     docs/theory/edges.md.
@@ -319,7 +319,7 @@ def _make_exact(levels: Array, columns: Array, vectors: Array, p: Array) -> None
 def crossing(
     ops: Any, edge: Any, other: Any, tx: Any, ty: Any, side: float = 1.0
 ) -> tuple[Any, Any, Any, Any]:
-    """Return whether and where an edge crosses an edge of the mirrored copy.
+    """Return whether and where an edge crosses an edge of the other outline, which is mirrored.
 
     Edges are (start x, start y, vector x, vector y). The offset (``tx``, ``ty``) maps a point p of
     the other outline to T - p. ``side`` is 1 or -1, the sign of the displacement that decides ties.
