@@ -168,7 +168,7 @@ def takes_data(kernel: Kernel, tables: Any) -> bool:
 
 @contextmanager
 def uncompiled() -> Iterator[None]:
-    """Select NumPy for the engine ``"auto"`` within the block, in the calling thread.
+    """Within the block, use NumPy for the engine ``"auto"`` in the calling thread.
 
     Mitsuba loads scenes in Dr.Jit's threads. A Dr.Jit thread that waits for a kernel can crash the
     process.

@@ -302,7 +302,7 @@ def _in_chunks(
 
 @dataclass(frozen=True, eq=False)
 class SharedRows:
-    """Arguments of W or A with several frequencies at each position.
+    """Arguments of W or A for several frequencies at each position.
 
     Samples at one position form a row and share a slice. Each argument has the shape (rows, 1) or
     (1, columns).
@@ -414,7 +414,7 @@ def evaluate_sums(
     double: bool,
     engine: str,
 ) -> Array:
-    """Return weighted sums of a kernel over positions, at each point.
+    """Return, for each point, the weighted sum of a kernel over all positions.
 
     The sum of weight × kernel(*position, *point, *constants) over all positions has the shape (n,).
     The kernel must have one real result. The memory use is proportional to the number of positions.

@@ -291,7 +291,7 @@ copy."""
 
 
 class OnDrjitData:
-    """A kernel that Dr.Jit compiles, with the source as data."""
+    """A kernel that Dr.Jit compiles; the compiled code reads the source from memory."""
 
     def __init__(self, kernel: Kernel, tables: Any, float_type: Any, samples: int = 0) -> None:
         self.kernel, self.frame = kernel, tables.frame

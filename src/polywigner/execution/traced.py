@@ -167,7 +167,7 @@ def _followed(pair: Numbers | None, kind: Any) -> Numbers | None:
 def kernel_with_derivatives(
     kernel: Kernel, ops: DrjitOperations, tables: Any, components: Sequence[Any], traced: Traced
 ) -> tuple[Any, ...]:
-    """Return the results of a kernel, with derivatives in its arguments and in ``traced``."""
+    """Return the results of a kernel, differentiable with respect to arguments and ``traced``."""
     import drjit as dr
 
     closed = gradient_kernel_of(kernel)
@@ -344,7 +344,7 @@ def _in_memory(component: Drjit) -> Drjit:
 
 
 def site_sum(nu: Drjit, positions: NDArray[np.float64], weights: Drjit) -> Drjit:
-    """Return an array factor, equation (L3), that is differentiable in frequencies and weights.
+    """Return an array factor (L3), differentiable with respect to frequencies and weights.
 
     The factor is the sum of w exp(-2 pi i nu.p) over the positions p, shape (n, 2). ``nu`` is an
     ``Array2f``, and ``weights`` a ``Complex2f`` with one entry per position.

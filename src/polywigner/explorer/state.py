@@ -189,7 +189,7 @@ def rings_of_rows(rows: Sequence[tuple[int, float, float]]) -> Rings:
 
 
 def read_upload(name: str, content: bytes, unit: str) -> Rings:
-    """Return the outlines of an uploaded file in ``unit``; raise PolywignerError for a bad file.
+    """Return the outlines of an uploaded file in ``unit``; raise PolywignerError if it is invalid.
 
     Files that do not specify a unit are also read in ``unit``.
     """

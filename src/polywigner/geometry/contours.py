@@ -344,7 +344,7 @@ class _Pairing:
     """Largest gap along the line of sight between surfaces that count as touching."""
 
     def __post_init__(self) -> None:
-        """Initialise the intervals of each segment that are not shared with another segment."""
+        """Initialise, for each segment, the intervals that it shares with no other segment."""
         # Intervals of each segment that no other segment shares.
         self.free = [[(0.0, float(length))] for length in self.segments.length]
 

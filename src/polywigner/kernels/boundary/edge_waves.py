@@ -356,7 +356,7 @@ class _EdgePaths:
         self.low, self.high = root_at(0.0 * length), root_at(length)
 
     def plate_turn(self, ops: Any, in_front: Any) -> Number:
-        """Return 2 h h' cos(angle/2) for a plate that ends at the edge, negative at hidden points.
+        """Return 2 h h' cos(angle/2) for a plate that ends at the edge; negative at hidden points.
 
         The angle lies between the directions from the edge to the source and to the point. The
         distances of the source and the point from the line of the edge are h and h'. See
@@ -542,7 +542,7 @@ def edge_wave_and_rate(
 def edge_change(
     ops: Any, rule: EdgeRule, wave: Pair, dipole: Pair | None, *path: Any, **how: Any
 ) -> tuple[Pair, Pair]:
-    """Return the change of a point source's wave by an edge, and the result of :func:`edge_wave`.
+    """Return the change of a point source's wave due to an edge, and the result of `edge_wave`.
 
     ``path`` contains the source, the point, the ends of the edge, and optionally the position near
     the point. ``wave`` is the wave at the point. ``dipole`` is the part of this wave that depends

@@ -291,7 +291,7 @@ def sums_over_panel(
 
 
 def _lengthwise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, ...]:
-    """Return whether the rule along the panel suffices, and its clearance, phase and half-length.
+    """Return whether the rule along a panel suffices, and the clearance, phase and half-length.
 
     The clearance is the distance to the nearest singularity in half-lengths of the panel. The phase
     is the change of phase over half of the panel, in cycles.

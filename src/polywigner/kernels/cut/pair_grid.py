@@ -183,9 +183,9 @@ _NONE = np.zeros((1, 4), np.uint32)
 class ClipGrid(PairGrid):
     """Lists of edges to clip, if each ring of the second outline is convex.
 
-    Each row of ``rows`` is a part of an edge inside one ring: the edge, the first row and the end
-    of the rows of ``sides``, and the index of the weight of the ring. The part lies to the left of
-    all these sides. Each row of ``sides`` is the index of an edge of the second outline. An edge
+    Each row of ``rows`` describes a part of an edge inside one ring: the edge, the first row and
+    the end of its rows in ``sides``, and the index of the ring's weight. The part lies to the left
+    of all these sides. Each row of ``sides`` is the index of an edge of the second outline. An edge
     that lies inside rings for all offsets in the cell has no sides. The level of such an edge is a
     sum over these rings.
     """

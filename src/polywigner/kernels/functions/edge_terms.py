@@ -216,7 +216,8 @@ class AreaTerms(EdgeTerms):
 def wigner_terms(ops: Any, _: Any, nu: Values, is_even: bool, is_real: bool) -> EdgeTerms:
     """Return the terms of the Wigner function at a frequency.
 
-    ``is_even`` specifies real weights, and ``is_real`` that only the real part is required.
+    ``is_even`` specifies that weights are real, and ``is_real`` that only the real part is
+    required.
     """
     if is_even:
         # W is even in nu, so a small shift of nu from 0 changes W by less than rounding errors.

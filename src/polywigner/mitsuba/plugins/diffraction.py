@@ -363,7 +363,7 @@ class Shadows:
         dipole: Pair | None,
         blocked: Any,
     ) -> Pair:
-        """Return the change of a wave by an edge; see :func:`edge_waves.edge_change`."""
+        """Return the change of a wave due to an edge; see :func:`edge_waves.edge_change`."""
         when = self._when if dipole is None else self._when_jets
         how = {"when": when, "blocked": blocked}
         return edge_waves.edge_change(self._ops, rule, wave, dipole, *path, **how)[0]
