@@ -158,11 +158,10 @@ def complex_array(
 
 
 def checked_row(values: Any, expected: str) -> NDArray[np.float64]:
-    """Return a real number or a sequence of real numbers as an array (k,).
+    """Return a real number or a non-empty sequence of real numbers as an array (k,).
 
-    NaN and infinite numbers are accepted.
-
-    Raises ArgumentError for other values. ``expected``: beginning of the error message.
+    Numbers may be NaN or infinite. Raises ArgumentError for other values. ``expected``:
+    beginning of the error message.
     """
     return np.atleast_1d(real_array(values, expected, (), (None,)))
 
