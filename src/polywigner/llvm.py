@@ -118,9 +118,10 @@ _status: LLVMStatus | None = None
 def prepare(*, refresh: bool = False) -> LLVMStatus:
     """Select the LLVM library for Dr.Jit, before Dr.Jit is imported.
 
-    ``DRJIT_LIBLLVM_PATH`` is set to the first usable library: its previous value, then the
-    libraries of the Python environment and of the system, newest first. Without a usable library,
-    and with ``POLYWIGNER_NO_LLVM=1``, it is set to a path that does not exist.
+    ``DRJIT_LIBLLVM_PATH`` is set to the first usable library. The candidates are the previous value
+    of the variable, and then the libraries of the Python environment and of the system, newest
+    first. If there is no usable library, or if ``POLYWIGNER_NO_LLVM=1`` is set, the variable is set
+    to a path that does not exist.
 
     The status is the same object on every call, unless ``refresh`` repeats the search. The first
     call takes some milliseconds, plus 0.2 s for each library without a cached result.

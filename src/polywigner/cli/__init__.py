@@ -62,7 +62,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _is_interruption(error: BaseException | None) -> bool:
-    """Return whether an error, or an earlier one in its chain, is or mentions KeyboardInterrupt.
+    """Return whether an error or an earlier error in its chain is or mentions KeyboardInterrupt.
 
     Mitsuba and Dr.Jit replace KeyboardInterrupt with other errors.
     """

@@ -26,7 +26,10 @@ assert list(x) == [min(k - 7.5, 2.0) for k in range(16)], "its kernels return wr
 
 
 class Row(NamedTuple):
-    """A row of the report. ``works`` is "yes", "no" or "-" (optional and missing)."""
+    """Result of one test in the report of :func:`doctor`.
+
+    ``works`` is "yes", "no" or "-" (optional and missing).
+    """
 
     subject: str
     works: str
@@ -95,7 +98,7 @@ def _gpu_row() -> Row:
 
 
 def _rendering_row(llvm: LLVMStatus, gpu: Row) -> Row:
-    """Import Mitsuba in a child process; report its variants that ``llvm`` and ``gpu`` allow."""
+    """Import Mitsuba in a child process, and report the variants that this machine can use."""
     # Importing Mitsuba can crash the process if the version of Dr.Jit does not match.
     child = run_in_child("import mitsuba; print(*mitsuba.variants())")
     if child.returncode != 0:
@@ -117,7 +120,7 @@ def _last_line(text: str) -> str:
 
 
 def _requirements() -> dict[str, dict[str, str]]:
-    """Return the requirement of each library, such as "numpy>=2.0", by extra and library name.
+    """Return requirements such as "numpy>=2.0", with the extra and the library name as keys.
 
     The extra "" contains the libraries that are always required.
     """
@@ -141,7 +144,7 @@ def _library_row(name: str) -> Row:
 
 
 def _extras() -> list[Row]:
-    """Return a row for each extra with its missing libraries, or with all if none is missing."""
+    """Return one row per extra: its missing libraries, or all its libraries if none is missing."""
     rows = []
     for name, libraries in sorted(_requirements().items())[1:]:
         missing = ", ".join(library for library in libraries if _version(library) is None)

@@ -53,7 +53,7 @@ Scheduler = Annotated[Text, "Address of a trusted dask scheduler, such as tcp://
 
 
 def parse_step(text: str, least: float, largest: float) -> float:
-    """Parse an angular step such as "0.5 deg" to degrees, with limits in degrees."""
+    """Convert an angular step such as "0.5 deg" to degrees, and check its limits in degrees."""
     step = math.degrees(parse_angle(text))
     if not (1 - 1e-9) * least <= step <= largest:  # The conversion has rounding errors.
         expected = f"an angle of at least {least:.2g} deg and up to {largest:g} deg"
@@ -73,7 +73,7 @@ def parse_numbers(option: str, text: str, example: str) -> tuple[float, ...]:
 
 
 def parse_coefficients(text: str) -> dict[int, float]:
-    """Parse the coefficients of --zernike, such as "4: 0.05, 11: 0.1", by their Noll index."""
+    """Parse the coefficients in --zernike, such as "4: 0.05, 11: 0.1"; keys are Noll indices."""
     try:
         pairs = [part.split(":") for part in text.split(",")]
         numbers = {int(index): float(value) for index, value in pairs}
@@ -104,7 +104,7 @@ def with_options(function: Callable[..., None]) -> Callable[..., None]:
 
     @wraps(function)
     def command(**values: Any) -> None:
-        """Call the function; combine the values of options into dataclasses."""
+        """Combine the values of options into dataclasses, and call the function with them."""
         for name, kind in groups.items():
             values[name] = kind(**{part.name: values.pop(part.name) for part in fields(kind)})
         function(**values)

@@ -269,9 +269,10 @@ def print_differences(fields: Mapping[Any, xarray.DataArray], reference: str) ->
 def samples_of_region(
     source: Aperture | ApertureArray, region: Region, wavelength: float, amplitude: bool = False
 ) -> tuple[int, ...]:
-    """Return the requested numbers of samples, or by default the required numbers within limits.
+    """Return the requested numbers of samples, or numbers that resolve the field if possible.
 
-    Warns if the field has fringes that require more samples than the limits.
+    The numbers that are not requested have upper limits. Warns if the fringes of the field require
+    more samples.
     """
     import polywigner as pw
 
@@ -319,7 +320,7 @@ class Region(NamedTuple):
 
 
 def parse_region(texts: Mapping[str, str | None], samples: str | None) -> Region:
-    """Parse the option for a region; raise ArgumentError unless exactly one is not None."""
+    """Parse the only region that is not None; raise ArgumentError for none or several regions."""
     regions = {name: text for name, text in texts.items() if text is not None}
     if len(regions) != 1:
         got = " and ".join(f"--{name}" for name in regions) or "none"
@@ -377,7 +378,7 @@ _EXPECTED_RANGES = (
 
 
 def _parse_ranges(text: str, count: int) -> tuple[Point, Point]:
-    """Parse ``count`` ranges and 3 - ``count`` coordinates into the lowest and highest point."""
+    """Parse ``count`` ranges and 3 - ``count`` coordinates; return the lowest and highest point."""
     parts = _split_and_strip(text, ",")
     ends = []
     for part in parts:
@@ -395,7 +396,7 @@ def _parse_ranges(text: str, count: int) -> tuple[Point, Point]:
 
 
 def parse_shape(option: str, text: str, dimensions: int, least: int = 1) -> tuple[int, ...]:
-    """Parse integers of ``least`` or more such as ``"64 x 64 x 96"``, one for each dimension."""
+    """Parse one integer per dimension, such as ``"64 x 64 x 96"``, each at least ``least``."""
     parts = _split_and_strip(text, "[x×]")
     counts = tuple(int(part) for part in parts if re.fullmatch("[0-9]{1,9}", part))
     if not len(counts) == len(parts) == dimensions or min(counts) < least:

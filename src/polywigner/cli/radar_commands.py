@@ -112,7 +112,9 @@ def rcs(
 def _angular_steps(
     pattern: Pattern, map_step: float | None, fine_step: float | None, lobe: float
 ) -> tuple[float, float]:
-    """Return the steps of the map and the cuts in degrees; timed calls determine the defaults.
+    """Return the angular steps in degrees of the map and of the cuts.
+
+    The default steps depend on the measured computing time.
 
     ``lobe`` is the width of a backscatter lobe in degrees.
     """

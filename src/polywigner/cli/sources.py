@@ -94,7 +94,7 @@ class ReadingOptions:
     def read_body(
         self, path: str, as_plates: bool = False
     ) -> Aperture | Polyhedron | list[PlacedAperture]:
-        """Return a mesh as a body or as separate plates, or a drawing as an aperture."""
+        """Read a mesh as a body or as separate plates, and a drawing as an aperture."""
         import polywigner as pw
 
         if Path(path).suffix.lower() not in _MESHES:
@@ -187,7 +187,7 @@ def field_title(path: str, wavelength: float) -> str:
 
 
 def short_name(path: str) -> str:
-    """Return the file name for a title (up to 32 characters); for ``scene.xml``, its folder."""
+    """Return the name of a file, or of the folder of ``scene.xml``, shortened to 32 characters."""
     file = Path(path)
     name = file.resolve().parent.name if file.stem == "scene" else file.name
     if len(name) > _LONGEST_NAME:
@@ -244,7 +244,7 @@ class FieldSourceOptions(SourceOptions):
     def _placed_obstacle(
         self, path: str, origin: tuple[float, ...], angles: tuple[float, ...]
     ) -> Polyhedron | PlacedAperture:
-        """Return an obstacle, rotated so that its z axis points to theta, phi, and then moved.
+        """Return an obstacle whose z axis is rotated to (theta, phi), and which is then translated.
 
         ``origin`` is in m, and ``angles`` are theta and phi in rad. The axis of the rotation is
         normal to z.

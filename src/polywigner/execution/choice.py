@@ -49,7 +49,7 @@ _TERMS_PER_FAMILY = 1 << 10
 
 @dataclass(frozen=True)
 class Plan:
-    """Strategy and engine of a call, with the numbers of samples and terms per sample."""
+    """Strategy and engine of a call, its number of samples, and the number of terms per sample."""
 
     strategy: str
     engine: str
@@ -105,9 +105,9 @@ def planned(
 ) -> Plan:
     """Return the strategy and the engine of a call on this machine.
 
-    ``shape`` contains the numbers of positions and frequencies if all combinations are required.
-    ``families`` is the number of families of parallel edges if the frequencies of F form a grid.
-    Raises EngineError if the requested engine is not available.
+    ``shape`` contains the numbers of positions and frequencies if the call requires all
+    combinations of both. ``families`` is the number of families of parallel edges if the
+    frequencies of F form a grid. Raises EngineError if the requested engine is not available.
     """
     per_sample, as_data = terms_of(kernel, tables), takes_data(kernel, tables)
     terms = samples * per_sample
@@ -168,7 +168,7 @@ def takes_data(kernel: Kernel, tables: Any) -> bool:
 
 @contextmanager
 def uncompiled() -> Iterator[None]:
-    """Select NumPy for the engine ``"auto"`` within the block, in the calling thread.
+    """Within the block, use NumPy for the engine ``"auto"`` in the calling thread.
 
     Mitsuba loads scenes in Dr.Jit's threads. A Dr.Jit thread that waits for a kernel can crash the
     process.
@@ -193,7 +193,7 @@ def _require_cuda() -> None:
 
 
 def drjit_float(engine: str, double: bool) -> type:
-    """Return the Dr.Jit type ``Float64`` (``double``) or ``Float32`` of "llvm" or "cuda"."""
+    """Return Dr.Jit's ``Float64`` (if ``double`` is true) or ``Float32`` for "llvm" or "cuda"."""
     import importlib
 
     # This import waits until another thread has completed its import of Dr.Jit.

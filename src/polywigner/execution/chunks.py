@@ -53,9 +53,9 @@ _POOL = threading.Lock()
 def kernel_threads(count: int | None = None) -> Iterator[None]:
     """Reserve Dr.Jit's thread pool within the block.
 
-    ``count`` is the number of threads within the block, including the calling thread, or None for
-    no change. Other callers wait until the block ends. A nested block in the same thread would wait
-    forever.
+    ``count`` is the number of threads within the block, including the calling thread. If ``count``
+    is None, the number does not change. Other callers wait until the block ends. A nested block in
+    the same thread would wait forever.
     """
     with _POOL:
         # Scalar variants of Mitsuba use Dr.Jit's thread pool even without an LLVM library.

@@ -61,8 +61,8 @@ class DrjitOperations(RowByRow):
         """Return the sums of ``term(*row)`` over one or more rows.
 
         ``values`` is the number of results of ``term``. Short sums are unrolled. Loops compile in
-        less time, and are nearly as fast for long terms. With ``unroll=False``, the kernel always
-        contains a loop.
+        less time than unrolled sums, and are nearly as fast if the terms are long. With
+        ``unroll=False``, the kernel always contains a loop.
         """
         if unroll and len(rows) <= self.most_as_code:
             return unrolled_sum(rows, term)
@@ -99,9 +99,9 @@ class DrjitOperations(RowByRow):
         return any(self._dr.grad_enabled(value) for value in values)
 
     def for_lanes(self, *values: Any) -> DrjitOperations:
-        """Return operations for the samples ``values``, each of which may be an array of four.
+        """Return operations for the samples ``values``, whose entries may be arrays of four.
 
-        A lane then computes four samples, and reads each row of a table only once.
+        With arrays of four, a lane computes four samples, and reads each row of a table only once.
         """
         ops = copy(self)
         ops.value_type = max(map(type, values), key=self._dr.depth_v)
@@ -131,7 +131,7 @@ class DrjitOperations(RowByRow):
         return self._dr.select(condition, self._typed(a), self._typed(b))
 
     def snapped(self, a: Any, step: float) -> Drjit:
-        """Return ``a`` rounded to a multiple of ``step``, with the derivative of ``a``."""
+        """Return ``a`` rounded to a multiple of ``step``; the derivative is that of ``a``."""
         return a + self._dr.detach(self._dr.round(a * (1 / step)) * step - a)
 
     def fma(self, a: Any, b: Any, c: Any) -> Drjit:
@@ -154,7 +154,7 @@ class DrjitOperations(RowByRow):
         return self.float_type(value) if isinstance(value, (int, float)) else value
 
     def on_device(self, table: Table) -> Drjit:
-        """Return a table in the memory of the engine, as its row length and its entries."""
+        """Copy a table to the memory of the engine; return its row length and its entries."""
         kind = self.float_type if table.dtype.kind == "f" else self._numbers
         return table.shape[1], array_of(kind, table)
 
@@ -175,10 +175,10 @@ class DrjitOperations(RowByRow):
     def fold(
         self, first: Any, end: Any, state: Values, step: Term, *, is_sum: bool = False
     ) -> Values:
-        """Return the state after ``state = step(row, *state)`` for a range of rows.
+        """Apply ``state = step(row, *state)`` to a range of rows, and return the final state.
 
-        The rows are ``first`` to ``end`` - 1. With ``is_sum``, the state consists of sums, which
-        may have derivatives.
+        The rows are ``first`` to ``end`` - 1. If ``is_sum`` is true, the state consists of sums,
+        which may have derivatives.
         """
 
         def next_row(row: Any, *state: Any) -> Values:
@@ -193,7 +193,7 @@ class DrjitOperations(RowByRow):
         return tuple(result)
 
     def _initial(self, value: Any) -> Drjit:
-        """Return a Python float as a Dr.Jit value, an int as row indices, others unchanged."""
+        """Convert a float to a Dr.Jit value, or an int to row indices; keep other values."""
         kinds = {float: self.value_type, int: self._numbers}
         return kinds[type(value)](value) if type(value) in kinds else value
 
@@ -219,7 +219,7 @@ class DrjitOperations(RowByRow):
 
 
 def four_of(kind: type) -> Any:
-    """Return Dr.Jit's type of arrays with four entries of a type, which one instruction loads."""
+    """Return Dr.Jit's type for arrays of four entries, which a single instruction loads."""
     names = {"Float": "Array4f", "Float64": "Array4f64", "UInt": "Array4u"}
     return getattr(sys.modules[kind.__module__], names[kind.__name__])
 

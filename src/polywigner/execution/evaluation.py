@@ -60,7 +60,7 @@ class GridPlan:
 
     @property
     def families(self) -> int:
-        """Number of families of parallel edges, where edges parallel to the axes count as one."""
+        """Number of families of parallel edges; edges parallel to an axis count as one family."""
         oblique = sum(not family.is_straight for family in self.tables.families)
         return oblique + (oblique < len(self.tables.families))
 
@@ -99,9 +99,9 @@ def plan_for_grid(
 ) -> GridPlan | None:
     """Return a plan for a grid of frequencies, or None if the axes of the grid cannot be used.
 
-    The result is None for points that do not form a grid of at least 8 x 8 frequencies, for
-    compiled engines, for kernels and sources without tables for grids, and if many frequencies are
-    too close to the origin.
+    The result is None if the points do not form a grid of at least 8 x 8 frequencies, or if many
+    frequencies are too close to the origin. It is also None for compiled engines, and for kernels
+    and sources without tables for grids.
     """
     if kernel.grid_tables is None or engine not in ("auto", "numpy"):
         return None
@@ -279,7 +279,7 @@ def explained(call: Callable[[], object]) -> Plan | None:
 def _on_numpy(
     kernel: Kernel, tables: Any, components: Sequence[Array], shear: Shear | None = None
 ) -> tuple[Array, ...]:
-    """Compute the results of a kernel, shape (n,), with NumPy; the components broadcast."""
+    """Compute the results (n,) of a kernel with NumPy; the components of points are broadcast."""
     # Infinite and NaN arguments give NaN without a warning.
     with np.errstate(invalid="ignore", over="ignore"):
         if shear is not None:
@@ -303,7 +303,7 @@ def _in_chunks(
 
 @dataclass(frozen=True, eq=False)
 class SharedRows:
-    """Arguments of W or A with several frequencies at each position.
+    """Arguments of W or A for several frequencies at each position.
 
     Samples at one position form a row and share a slice. Each argument has the shape (rows, 1) or
     (1, columns).
@@ -340,8 +340,8 @@ def shared_rows(
 ) -> SharedRows | None:
     """Return the arguments as rows of samples at the same position.
 
-    ``edge_sum`` is the attribute of the kernel, and ``shape`` the broadcast shape of the
-    components.
+    ``edge_sum`` is the attribute ``edge_sum`` of the kernel, and ``shape`` is the broadcast shape
+    of the components.
 
     The result is None if the kernel computes no slices, or if the broadcast axes cannot be divided
     into axes of positions and axes of at least 64 frequencies.
@@ -380,7 +380,7 @@ def _in_row_blocks(
     results: Sequence[Array],
     shear: Shear | None,
 ) -> Launched:
-    """Yield blocks of rows, whose samples share a slice, for :func:`store`."""
+    """Yield blocks of rows for :func:`store`; the samples of a row share a slice."""
     slices, exact = kernel.edge_sum, kernel.tables_for(source, True)
     assert isinstance(slices, SliceSum)
     compiled = None
@@ -415,7 +415,7 @@ def evaluate_sums(
     double: bool,
     engine: str,
 ) -> Array:
-    """Return weighted sums of a kernel over positions, at each point.
+    """Return, for each point, the weighted sum of a kernel over all positions.
 
     The sum of weight × kernel(*position, *point, *constants) over all positions has the shape (n,).
     The kernel must have one real result. The memory use is proportional to the number of positions.

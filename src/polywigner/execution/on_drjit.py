@@ -87,8 +87,8 @@ _paused: list[bool] = []
 def without_collection() -> Iterator[None]:
     """Disable garbage collection within the block, and restore its earlier state afterwards.
 
-    Dr.Jit aborts the process if a thread that is recording frees an array that uses the memory of
-    NumPy.
+    If a thread frees an array in NumPy's memory while the thread records, Dr.Jit aborts the
+    process.
     """
     with _lock:
         _paused.append(gc.isenabled())
@@ -211,7 +211,7 @@ class OnDrjit:
         return _fetching(self.kernel.leave(ops, self.tables.frame, at, total), shape)
 
     def _looked_up(self, values: Any, shape: tuple[int, int], row: Any, column: Any) -> Drjit:
-        """Return an argument, which broadcasts to ``shape``, at the indices of rows and columns."""
+        """Return entries of an argument, broadcast to ``shape``, at indices of rows and columns."""
         import drjit
 
         kind, (rows, columns) = self.ops.float_type, shape
@@ -231,7 +231,10 @@ def _fetching(results: Sequence[Any], shape: tuple[int, ...] = (-1,)) -> Fetch:
 
 
 def _split(kind: Any, rows: int, columns: int) -> tuple[Any, Any]:
-    """Return the row and column of each sample, row by row, without literals in the code."""
+    """Return the row and the column of each sample.
+
+    Samples are ordered row by row. The compiled code contains no literals.
+    """
     import drjit
 
     index = drjit.arange(drjit.uint32_array_t(kind), rows * columns)
@@ -289,7 +292,7 @@ copy."""
 
 
 class OnDrjitData:
-    """A kernel that Dr.Jit compiles, with the source as data."""
+    """A kernel that Dr.Jit compiles; the compiled code reads the source from memory."""
 
     def __init__(self, kernel: Kernel, tables: Any, float_type: Any, samples: int = 0) -> None:
         self.kernel, self.frame = kernel, tables.frame
@@ -310,8 +313,8 @@ class OnDrjitData:
     def _begun(self, arguments: Sequence[Array]) -> tuple[Any, Fetch]:
         """Start the computation of a chunk of samples.
 
-        Returns the index of the sample of each result (Ellipsis for an unchanged order), and a
-        function that waits for the results.
+        Returns the sample index of each result (Ellipsis if the order is unchanged), and a function
+        that waits for the results.
         """
         import drjit
 
@@ -359,7 +362,7 @@ class OnDrjitData:
         return self.kernel.leave(ops, frame, inner, sums)
 
     def _sent(self, number: int, table: Array) -> Drjit:
-        """Copy table ``number`` to the memory of the engine, padded to a unique size."""
+        """Pad the table with the index ``number`` to a unique size, and copy it to the engine."""
         width = -(-table.size // _SIZES) * _SIZES + _APART * (number + 1)
         padded = np.zeros(width, table.dtype)
         padded[: table.size] = table.ravel()
@@ -417,12 +420,12 @@ class _Slices:
 
 
 def fills_lanes(slices: SliceSum, tables: Tables, grids: Iterable[PairGrid], samples: int) -> bool:
-    """Return whether each lane of a CPU's vector should compute several samples in the same cell.
+    """Return whether each SIMD lane should compute several samples in the same cell.
 
     Samples in the same cell of one grid may lie in different cells of another grid. The second view
-    of a sum mirrors offsets, and the mirror images of offsets in one cell can lie in different
-    cells if an offset lies on the border of the cell. Terms for partly coherent light do not
-    support several samples per lane.
+    of a sum mirrors offsets. The mirror images of offsets in the same cell can lie in different
+    cells if one of the offsets lies on the border of the cell. Terms for partly coherent light do
+    not support several samples per lane.
     """
     first, *others = grids
     is_single = tables.coherence is None and len(slices.views) == 1 and not others
@@ -490,7 +493,7 @@ class _OverRows(DrjitOperations):
     def sum_over(
         self, rows: Any, term: Any, values: int, like: Any, *, unroll: bool = True
     ) -> Values:
-        """Return the sums of ``term`` over the rows in memory instead of ``rows``, in a loop."""
+        """Return the sums of ``term``, in a loop over the rows in memory instead of ``rows``."""
         columns = len(rows[0])
         return self.plain_sum(
             0, self.end, lambda row: term(*self.gather(self.rows, row)[:columns]), values
@@ -500,7 +503,7 @@ class _OverRows(DrjitOperations):
 @dataclass(frozen=True)
 class _DataFrame(Frame):
     def position(self, ops: Any, *x: Any) -> tuple[Any, ...]:
-        """Return positions in the frame, whose centre is rounded to one float per coordinate."""
+        """Return positions in the frame; its centre is rounded to one float per coordinate."""
         pairs: Any = self.centre
         nearest: Any = tuple(high for high, _ in pairs)
         return Frame.position(replace(self, centre=nearest), ops, *x)

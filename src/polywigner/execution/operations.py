@@ -166,7 +166,7 @@ class NumpyOperations(_Unfused):
         totals = [np.zeros(count) for _ in range(values)]
 
         def of(owner: Array) -> list[Array]:
-            """Return the samples that own the listed rows."""
+            """Return the samples to which the listed rows belong."""
             return [a[owner] if len(a) == count else a for a in flat]
 
         for owner, row in _row_blocks(begin, stop - begin):
@@ -232,7 +232,7 @@ class RowByRow(Operations):
         return self.select(a > b, a, b)
 
     def plain_sum(self, first: Any, end: Any, term: Term, values: int) -> Values:
-        """Return the sums of ``term(row)`` over rows ``first`` to ``end`` - 1, not compensated."""
+        """Return the uncompensated sums of ``term(row)`` over rows ``first`` to ``end`` - 1."""
 
         def step(row: Any, *sums: Any) -> Values:
             """Return the sums after a row."""
@@ -271,10 +271,10 @@ class RowByRow(Operations):
     ) -> Values:
         """Return the sums of ``term(level)`` over rows, where the level changes from row to row.
 
-        The level starts at 0. ``visit(row)`` returns whether the level is set before the term, its
-        new value, the change of the level after the term, and ``term``. ``levels`` and ``values``
-        are the numbers of levels and of sums. In single precision the sums are compensated, because
-        terms may cancel.
+        The level starts at 0. ``visit(row)`` returns a flag, a level, a change and ``term``. If the
+        flag is true, the returned level becomes the current level before the term is computed. The
+        change is added to the level afterwards. ``levels`` and ``values`` are the numbers of levels
+        and of sums. In single precision the sums are compensated, because terms may cancel.
         """
 
         def step(row: Any, *state: Any) -> Values:
@@ -321,7 +321,7 @@ class ScalarOperations(_Unfused, RowByRow):
     sqrt = staticmethod(math.sqrt)
 
     def round(self, a: Any) -> Numbers:
-        """Return the nearest integer. Halves are rounded up."""
+        """Return the nearest integer. Values midway between two integers are rounded up."""
         return math.floor(a + 0.5)
 
     def on_device(self, table: Table) -> Numbers:
@@ -339,7 +339,7 @@ class ScalarOperations(_Unfused, RowByRow):
     def fold(
         self, first: Any, end: Any, state: Values, step: Term, *, is_sum: bool = False
     ) -> Values:
-        """Return the state after ``state = step(row, *state)`` for all rows.
+        """Apply ``state = step(row, *state)`` to all rows, and return the final state.
 
         The rows are ``first`` to ``end`` - 1.
         """

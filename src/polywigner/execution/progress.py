@@ -74,7 +74,7 @@ def slow_bar(title: str, total: int, report: Report | None = None) -> Iterator[A
     """Draw a progress bar after five seconds, unless another bar is visible.
 
     Yields a function to call after each part, like :func:`progress_bar`. Without a terminal, no bar
-    is drawn. A ``report`` is called after each part instead.
+    is drawn. If ``report`` is specified, it is called after each part, and no bar is drawn.
     """
     start, done = time.monotonic(), 0
     checked_callable(report, "progress")
@@ -100,10 +100,10 @@ def slow_bar(title: str, total: int, report: Report | None = None) -> Iterator[A
 def with_progress(
     title: str, parts: Sequence[Part], report: Report | None = None
 ) -> Iterator[Iterator[Part]]:
-    """Yield an iterator over the parts of a task that draws a progress bar after five seconds.
+    """Yield an iterator over the parts of a task; it draws a progress bar after five seconds.
 
-    The context manager erases the bar immediately after an exception, unlike a generator. A
-    ``report`` is called after each part instead.
+    Unlike a generator, the context manager erases the bar immediately after an exception. If
+    ``report`` is specified, it is called after each part, and no bar is drawn.
     """
 
     def iterate() -> Iterator[Part]:

@@ -113,9 +113,9 @@ class _Accumulator:
     def edge(self, begin: Any, end: Any, normal: tuple[Any, Any], at: tuple[Pair, Pair]) -> Pair:
         """Return the sum of g (normal . v) over both vertices v of an edge.
 
-        Only the derivatives of the result have a meaning, not its value. ``begin`` and ``end`` are
-        indices of vertices. ``at`` contains the derivative g for a displacement of each vertex by
-        ``normal``, which is not a unit vector.
+        The derivatives of the result are meaningful, but its value is not. ``begin`` and ``end``
+        are indices of vertices. ``at`` contains the derivative g for a displacement of each vertex
+        by ``normal``, which is not a unit vector.
         """
         total = Pair(0.0, 0.0)
         for number, gradient in zip((begin, end), at, strict=True):
@@ -126,7 +126,7 @@ class _Accumulator:
     def weight(self, number: Any, gradient: Pair, of_conjugate: Pair) -> Pair:
         """Return gradient × w + of_conjugate × conj(w) for the weight w at an index.
 
-        Only the derivatives of the result have a meaning, not its value.
+        The derivatives of the result are meaningful, but its value is not.
         """
         x, y = self._looked_up(self.weights, number)
         return gradient * Pair(x, y) + of_conjugate * Pair(x, -y)
@@ -167,7 +167,7 @@ def _followed(pair: Numbers | None, kind: Any) -> Numbers | None:
 def kernel_with_derivatives(
     kernel: Kernel, ops: DrjitOperations, tables: Any, components: Sequence[Any], traced: Traced
 ) -> tuple[Any, ...]:
-    """Return the results of a kernel, with derivatives in its arguments and in ``traced``."""
+    """Return the results of a kernel, differentiable with respect to arguments and ``traced``."""
     import drjit as dr
 
     closed = gradient_kernel_of(kernel)
@@ -314,7 +314,10 @@ def _order(
 
 
 def _taken(values: Drjit, index: NDArray[np.intp]) -> Drjit:
-    """Return the entries of an array with the specified indices. A single entry is broadcast."""
+    """Return the entries of an array with the specified indices.
+
+    An array with a single entry is broadcast.
+    """
     import drjit
 
     if drjit.width(values) == 1:
@@ -326,7 +329,7 @@ def _taken(values: Drjit, index: NDArray[np.intp]) -> Drjit:
 
 
 def _in_memory(component: Drjit) -> Drjit:
-    """Return a component. Infinite and NaN constants are moved to memory.
+    """Return a component, moved to memory if it is an infinite or NaN constant.
 
     Compiled code would lose NaN constants.
     """
@@ -341,7 +344,7 @@ def _in_memory(component: Drjit) -> Drjit:
 
 
 def site_sum(nu: Drjit, positions: NDArray[np.float64], weights: Drjit) -> Drjit:
-    """Return an array factor, equation (L3), that is differentiable in frequencies and weights.
+    """Return an array factor (L3), differentiable with respect to frequencies and weights.
 
     The factor is the sum of w exp(-2 pi i nu.p) over the positions p, shape (n, 2). ``nu`` is an
     ``Array2f``, and ``weights`` a ``Complex2f`` with one entry per position.

@@ -284,7 +284,7 @@ class Explorer:
         self._views.styles = {"grid-area": "views", "opacity": "1"}
 
     def _show_invalid(self, state: State, error: str) -> None:
-        """Show an error in the outlines, and fade the views, unless ``state`` is outdated."""
+        """Report that outlines are invalid, and fade the views, unless ``state`` is outdated."""
         if state is self.state:
             self._views.styles = {"grid-area": "views", "opacity": "0.35"}
             self._status.object = "not computed"
@@ -419,7 +419,7 @@ class Explorer:
 
 
 def _box(css: str, *parts: Viewable, area: str = "auto", kind: Any = pn.Column) -> ListPanel:
-    """Return a stretched Panel container with CSS rules, at an area of the page grid."""
+    """Return a stretched Panel container with CSS rules, placed in an area of the page grid."""
     return kind(*parts, stylesheets=[css], styles={"grid-area": area}, **_WIDE)
 
 

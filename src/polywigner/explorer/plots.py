@@ -84,7 +84,7 @@ class Editor:
         self.plot = plot
 
     def show(self, state: State, keep_handles: bool = False) -> None:
-        """Draw outlines, vertices and selected position; keep the vertices during a drag."""
+        """Draw outlines, vertices and the selected position; keep the vertices during a drag."""
         if not keep_handles:
             self._rings = state.rings
             points = [(x, y, k) for k, ring in enumerate(state.rings) for x, y in ring]
@@ -164,7 +164,7 @@ class Editor:
         return min((math.dist(p, point) / self._visible_width() for p in points), default=math.inf)
 
     def _fit(self, state: State) -> None:
-        """Fit the axes if the outlines exceed them or fill less than 40 % of them."""
+        """Fit the axes to outlines that extend beyond the axes or fill less than 40 % of them."""
         x0, y0, x1, y1 = state.box
         size = max(x1 - x0, y1 - y0)
         if size == 0:
@@ -258,7 +258,7 @@ class Plot:
 
 
 def rounded(plot: Figure, x: float, y: float) -> Point:
-    """Round a point to a thousandth of the figure width, less than a pixel."""
+    """Round a point to a thousandth of the figure width, which is less than a pixel."""
     digits = max(0, 3 - math.floor(math.log10(plot.x_range.end - plot.x_range.start)))
     return round(x, digits) + 0.0, round(y, digits) + 0.0
 
@@ -281,5 +281,5 @@ def _new_figure(name: str, **settings: Any) -> Figure:
 
 @lru_cache(maxsize=8)
 def _palette(name: str) -> list[str]:
-    """Return 256 colours of a matplotlib colour map, such as "#000004"."""
+    """Return the 256 colours of a matplotlib colour map as texts such as "#000004"."""
     return [mpl.colors.to_hex(colour) for colour in mpl.colormaps[name](np.linspace(0, 1, 256))]

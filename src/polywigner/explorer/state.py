@@ -118,7 +118,7 @@ class State:
 
     @property
     def box(self) -> tuple[float, float, float, float]:
-        """Bounds (xmin, ymin, xmax, ymax) in the unit of the page; zeros without outlines."""
+        """Bounds (xmin, ymin, xmax, ymax) in the unit of the page; zeros if there are none."""
         points = np.array([p for ring in self.rings for p in ring]).reshape(-1, 2)
         if not len(points):
             return 0.0, 0.0, 0.0, 0.0
@@ -189,9 +189,9 @@ def rings_of_rows(rows: Sequence[tuple[int, float, float]]) -> Rings:
 
 
 def read_upload(name: str, content: bytes, unit: str) -> Rings:
-    """Return the outlines of an uploaded file in ``unit``; raise PolywignerError for a bad file.
+    """Return the outlines of an uploaded file in ``unit``; raise PolywignerError if it is invalid.
 
-    ``unit`` is also the unit of files that specify none.
+    Files that do not specify a unit are also read in ``unit``.
     """
     with tempfile.TemporaryDirectory(prefix="polywigner-") as folder:
         path = Path(folder) / f"aperture{Path(name).suffix}"
@@ -277,7 +277,7 @@ def variables_of(state: State) -> dict[str, Any]:
 
 
 def source_of(state: State) -> Source:
-    """Return the tapered and steered aperture, or the phased array of such elements."""
+    """Return the tapered and steered aperture, or the phased array of such apertures."""
     return variables_of(state)["source"]
 
 

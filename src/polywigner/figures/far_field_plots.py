@@ -170,7 +170,7 @@ def _drawn_cuts(
 
 
 def _with_drawn_cuts(metrics: BeamMetrics, lines: Sequence[Cut]) -> BeamMetrics:
-    """Return the metrics of a beam with the metrics of the drawn cuts."""
+    """Return a copy of the metrics of a beam, in which the cuts are the drawn cuts."""
     highest = max(float(line.levels.max()) for line in lines)
     cuts = tuple(cut_metrics(line, highest) for line in lines)
     return replace(metrics, cuts=cuts, beam_cuts=() if lines[0].kind == "theta" else cuts)
@@ -395,7 +395,7 @@ def draw_rcs(
 
 
 def _draw_rcs_cut(polar: Any, angles: Floats, levels: Floats, smooth: float | None) -> None:
-    """Draw levels in dBsm in polar axes; ``smooth`` is the width of a median in rad."""
+    """Draw levels in dBsm in polar axes; ``smooth`` is the width of a running median in rad."""
     fine = smooth is not None or len(angles) > 1000
     polar.plot(
         angles, levels, color=style.BLUE, lw=0.5 if fine else 1.2, alpha=0.5 if smooth else 1.0
@@ -412,7 +412,7 @@ def _draw_rcs_cut(polar: Any, angles: Floats, levels: Floats, smooth: float | No
 
 
 def _label_angle(angles: Floats, levels: Floats) -> float:
-    """Return the angle in degrees, midway between two angle labels, near which a cut is lowest.
+    """Return the angle in degrees, midway between angle labels, near which the levels are lowest.
 
     ``angles`` are in rad.
     """
@@ -457,8 +457,8 @@ def _rcs_cuts(
 ) -> list[tuple[str, Floats, Floats]]:
     """Return the title, angles and levels of each cut, first over azimuth, then over elevation.
 
-    Angles are in rad, and levels in dBsm. The second cut continues over the zenith to the azimuth
-    behind.
+    Angles are in rad, and levels in dBsm. The second cut continues beyond the zenith at the
+    opposite azimuth.
     """
     if cuts is None:
         flat = upright = pattern

@@ -273,8 +273,9 @@ def draw_planes(
 ) -> Figure:
     """Draw maps of a field on a plane, with phases or differences between methods below.
 
-    The second row shows the phases of complex fields, whose opacity decreases with the level, or
-    the differences between methods at points where the reference is above -30 dB.
+    The second row shows the phases of complex fields, or the differences between methods. Phases
+    are more transparent at lower levels. Differences are drawn at points where the reference is
+    above -30 dB.
 
     Parameters
     ----------
@@ -345,7 +346,7 @@ def _plane_axes(dataset: Any, dims: tuple[str, ...]) -> tuple[Axis, Axis]:
 
 
 def _obstacle_sections(dataset: Any, dims: tuple[str, ...], obstacles: Any) -> list[Floats]:
-    """Return where obstacles cut the plane: an array of segments (n, 2, 2) for each obstacle.
+    """Return, for each obstacle, the segments (n, 2, 2) along which it cuts the plane.
 
     The last axis is (horizontal, vertical), in the unit of the axis labels.
     """
@@ -376,7 +377,7 @@ def _as_image(values: NDArray[Any], fields: Comparison) -> NDArray[Any]:
 def _draw_phases(
     panels: Any, fields: Comparison, floor_db: float, across: Floats, up: Floats
 ) -> None:
-    """Draw the phases of complex fields; the opacity decreases with the level."""
+    """Draw the phases of complex fields, more transparent at lower levels."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 

@@ -138,9 +138,9 @@ class Difference(NamedTuple):
 
 
 def difference_db(values: ArrayLike, reference: ArrayLike) -> xarray.DataArray:
-    """Return level differences of powers from a reference in dB, or NaN for ignored points.
+    """Return level differences in dB between powers and a reference, or NaN at ignored points.
 
-    NaN replaces points where the reference is below -30 dB of its peak, or the power is not
+    Points are ignored if the reference is more than 30 dB below its peak, or if the power is not
     positive.
     """
     import xarray
@@ -203,7 +203,7 @@ def quantity_of(array: Any) -> str:
 
 
 def label_of(array: Any, name: str) -> str:
-    """Return the label of a method, such as ``Wigner, obliquity Kirchhoff``, or else ``name``."""
+    """Return the label of a method, such as ``Wigner, obliquity Kirchhoff``, or ``name``."""
     method, obliquity = (
         str(array.attrs.get(k, d)) for k, d in (("method", name), ("obliquity", ""))
     )

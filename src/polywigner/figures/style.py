@@ -155,7 +155,7 @@ def new_figure(
 
 
 def figure_on(figure: Any, width: float, height: float, title: str, **layout: Any) -> Figure:
-    """Return the caller's figure or subfigure with a title; for None, a :func:`new_figure`.
+    """Return the caller's figure or subfigure, or a :func:`new_figure` for None, with a title.
 
     An empty figure without a layout engine gets the constrained layout, in which colour bars do not
     overlap panels. An empty title keeps the caller's title. Raises ArgumentError for other types.
@@ -235,9 +235,9 @@ def draw_polygons(axes: Axes, shape: Any, unit: LengthUnit, **options: Any) -> N
 
 
 def draw_outlines(axes: Any, lines: Any, inks: Sequence[str], zorder: float = 2) -> None:
-    """Draw lines of shape (line, point, 2 or 3) in two colours, visible on any background.
+    """Draw lines (n, points, 2 or 3) in two colours that make them visible on any background.
 
-    ``inks`` are the colours of the wide line and of the narrow line above it. The limits of the
+    ``inks`` are the colours of a wide line and of a narrow line on top of it. The limits of the
     axes do not change.
     """
     from matplotlib.collections import LineCollection

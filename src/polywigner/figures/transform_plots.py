@@ -173,7 +173,10 @@ def samples_needed(aperture: pw.Aperture, wavelength: float | None) -> int:
 
 
 def _half_width(aperture: pw.Aperture, wavelength: float | None) -> float:
-    """Return the half width of the frequency axes in 1/m: 1/wavelength, or 8/diameter for None."""
+    """Return the half-width of the frequency axes in 1/m.
+
+    The half-width is 1/``wavelength``, or 8/diameter if ``wavelength`` is None.
+    """
     return _LOBES / aperture.diameter if wavelength is None else 1 / checked_wavelength(wavelength)
 
 
@@ -184,7 +187,7 @@ def _checked_point(value: ArrayLike) -> Point:
 
 
 def _default_position(support: pw.Aperture, centre: NDArray[np.float64]) -> Point:
-    """Return the centre if it is inside a region, otherwise another point inside."""
+    """Return ``centre`` if it is inside a region, otherwise another point inside the region."""
     import shapely
 
     point, region = shapely.Point(centre), support.polygons
@@ -193,7 +196,7 @@ def _default_position(support: pw.Aperture, centre: NDArray[np.float64]) -> Poin
 
 
 def _default_lag(aperture: pw.Aperture) -> Point:
-    """Return a lag in m at which the aperture overlaps its shifted copy, by default (0, 0)."""
+    """Return a lag in m at which the aperture overlaps its shifted copy, or (0, 0) if none fits."""
     xmin, ymin, xmax, ymax = aperture.bounds
     width, height = xmax - xmin, ymax - ymin
     for lag in ((width / 4, 0.0), (0.0, height / 4), (width / 16, 0.0), (0.0, height / 16)):
@@ -273,7 +276,7 @@ def _draw_supports(axes: Axes, slices: TransformSlices, unit: LengthUnit) -> Non
 
 
 def _draw_lag_slice(axes: Axes, slices: TransformSlices, unit: LengthUnit) -> None:
-    """Draw the lag slice at a position, and the two scaled apertures that overlap there."""
+    """Draw the lag slice at a position, and the two scaled apertures whose overlap is the slice."""
     from shapely.affinity import affine_transform
 
     x, y = slices.x
@@ -384,7 +387,8 @@ def draw_projections(
     """Draw the tiles of :func:`polywigner.projections` with axes, units and colour bars.
 
     The real parts of complex tiles are drawn. The scale of signed tiles is linear up to 1 % of the
-    peak and logarithmic beyond; power spectra are in dB; the scale of other tiles is linear.
+    peak and logarithmic beyond. Power spectra are drawn in dB, and all other tiles on a linear
+    scale.
 
     Parameters
     ----------

@@ -369,7 +369,7 @@ class Aperture(TakesWaves):
 
     @cached_property
     def _key(self) -> tuple[Any, ...]:
-        """Field and outline, independent of the order of parts and of starting vertices."""
+        """Field and outline, independent of the order of parts and of each ring's first vertex."""
         return self.illumination, shapely.normalize(self.polygons).wkb
 
     def plot(self, ax: Axes | None = None, unit: str = "mm") -> Axes:
@@ -468,9 +468,9 @@ def _require_aperture(aperture: Aperture) -> None:
 def automean(aperture: Aperture) -> Aperture:
     """Return the automean of an aperture: the set of midpoints (a + b)/2 of its points.
 
-    W(x, nu) is zero for x outside the automean, for any illumination, because u(x + xi/2) and
-    u(x - xi/2) are never both on the aperture. The automean of a convex aperture is the aperture;
-    other apertures have a larger automean inside their convex hull.
+    W(x, nu) is zero for x outside the automean, for any illumination, because x + xi/2 and x - xi/2
+    are never both on the aperture. The automean of a convex aperture is the aperture; other
+    apertures have a larger automean inside their convex hull.
 
     Parameters
     ----------
@@ -511,7 +511,7 @@ def automean(aperture: Aperture) -> Aperture:
 def _common_region(
     aperture: Aperture, *images: Callable[[Ring], Ring]
 ) -> shapely.Polygon | shapely.MultiPolygon:
-    """Return the intersection of two images of an aperture, each under a map of vertices (n, 2).
+    """Return the intersection of the images of an aperture under two maps of vertices (n, 2).
 
     If the images do not overlap, the result is an empty MultiPolygon.
     """

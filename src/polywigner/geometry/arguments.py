@@ -158,7 +158,7 @@ def complex_array(
 
 
 def checked_row(values: Any, expected: str) -> NDArray[np.float64]:
-    """Return a real number or a non-empty row of them as an array (k,).
+    """Return a real number or a non-empty sequence of real numbers as an array (k,).
 
     Numbers may be NaN or infinite. Raises ArgumentError for other values. ``expected``:
     beginning of the error message.
@@ -169,7 +169,9 @@ def checked_row(values: Any, expected: str) -> NDArray[np.float64]:
 def checked_vectors(
     values: Any, expected: str, last: tuple[int, ...], error: type[PolywignerError] = ArgumentError
 ) -> NDArray[np.float64]:
-    """Return an array of real numbers, possibly NaN or infinite, of shape (..., *last).
+    """Return an array of real numbers with the shape (..., *last).
+
+    NaN and infinite numbers are accepted.
 
     Raises ``error`` for other values. ``expected``: beginning of the error message.
     """
@@ -177,7 +179,7 @@ def checked_vectors(
 
 
 def checked_array(values: Any, name: str, dimension: int) -> NDArray[np.float64]:
-    """Return a non-empty array with ``dimension`` axes; raise ArgumentError for others.
+    """Return a non-empty array with ``dimension`` axes; raise ArgumentError for other values.
 
     NaN and infinite numbers are accepted.
     """
@@ -317,7 +319,7 @@ def checked_callable(value: T, name: str) -> T:
 
 
 def checked_length(value: Any, name: str, zero: bool = False, meaning: str = "") -> float:
-    """Return a finite length above zero, or zero if allowed; raise ArgumentError for others.
+    """Return a finite length above zero (or zero if allowed); raise ArgumentError otherwise.
 
     ``zero``: whether zero is allowed. ``meaning``: expected value, for the error message.
     """
@@ -326,7 +328,7 @@ def checked_length(value: Any, name: str, zero: bool = False, meaning: str = "")
 
 
 def checked_wavelength(value: Any) -> float:
-    """Return a wavelength in m, above zero; raise ArgumentError for others, such as "3 mm"."""
+    """Return a positive wavelength in m; raise ArgumentError for other values, such as "3 mm"."""
     if isinstance(value, str):
         raise ArgumentError(
             f"expected a wavelength as a number in metres, got the string {value[:40]!r}; "
@@ -351,7 +353,7 @@ def checked_generator(seed: Any) -> np.random.Generator:
 
 
 def checked_count(value: Any, name: str, least: int, most: int = _LARGEST_COUNT) -> int:
-    """Return an integer from ``least`` to ``most``; raise ArgumentError for others, such as 3.0."""
+    """Return an integer from ``least`` to ``most``; raise ArgumentError otherwise, also for 3.0."""
     is_integer = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
     if not is_integer or not least <= value <= most:
         raise ArgumentError(
@@ -363,7 +365,7 @@ def checked_count(value: Any, name: str, least: int, most: int = _LARGEST_COUNT)
 def only_given(
     values: Mapping[str, Any], error: type[PolywignerError] = ArgumentError, purpose: str = ""
 ) -> str:
-    """Return the name of the only value that is not None; raise an error for none or several."""
+    """Return the name of the value that is not None; raise an error unless there is exactly one."""
     given = [name for name, value in values.items() if value is not None]
     if len(given) != 1:
         got = " and ".join(given) or "none"
@@ -496,9 +498,9 @@ def takes_frequency(function: Callable[P, R]) -> _WithFrequency[P, R]:
     """Decorate a function of ``wavelength`` in m: add an alternative keyword ``frequency`` in Hz.
 
     Calls with this keyword omit the wavelength, even if the other arguments are positional:
-    ``radiation_pattern(source, theta, phi, frequency=77e9)``. Calls with both raise ArgumentError.
-    The sources among the arguments are converted to the wavelength, and implausible wavelengths
-    cause a warning.
+    ``radiation_pattern(source, theta, phi, frequency=77e9)``. Calls with both keywords raise
+    ArgumentError. The sources among the arguments are converted to the wavelength, and implausible
+    wavelengths cause a warning.
     """
     parameters = list(inspect.signature(function).parameters.values())
     position = [parameter.name for parameter in parameters].index("wavelength")
@@ -590,7 +592,7 @@ def rigid_pose(to_world: Any) -> NDArray[np.float64]:
 
 
 def rigid_poses(values: Any, name: str) -> NDArray[np.float64]:
-    """Return the rigid poses (..., 4, 4) nearest to matrices; raise GeometryError if not rigid.
+    """Return the rigid poses (..., 4, 4) nearest to matrices; other matrices raise GeometryError.
 
     Deviations from a rotation up to 1e-4 are removed. ``name``: argument name for the message.
     """

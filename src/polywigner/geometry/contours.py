@@ -87,7 +87,7 @@ class Silhouette:
 
     @classmethod
     def of(cls, parts: Sequence[Silhouette]) -> Silhouette:
-        """Concatenate silhouettes, without their planes; the result counts as complete."""
+        """Concatenate silhouettes, without their planes; the result is marked as complete."""
         names = ("edges", "numbers", "bodies", "behind")
         columns: dict[str, Any] = {
             name: np.concatenate([getattr(part, name) for part in parts]) for name in names
@@ -95,7 +95,7 @@ class Silhouette:
         return cls(**columns, touching=frozenset().union(*(part.touching for part in parts)))
 
     def is_like(self, other: Silhouette) -> bool:
-        """Return whether two silhouettes have the same edges, however the edges are divided."""
+        """Return whether two silhouettes have the same edges, which may be divided differently."""
         keys, sums = self._lengths()
         other_keys, other_sums = other._lengths()
         within = _EQUAL * float(np.abs(self.edges).max(initial=0.0))
@@ -119,8 +119,8 @@ class Silhouette:
     def subset(self, rows: NDArray[np.bool_], edges: Floats) -> Silhouette:
         """Return the edges selected by a mask (m,), shortened to their rows of ``edges`` (m, 2, 3).
 
-        ``edges`` has a row for each edge of this silhouette, selected or not. The result counts as
-        complete only if no edge is removed or shortened.
+        ``edges`` has a row for each edge of this silhouette, selected or not. The result is marked
+        as complete only if no edge is removed or shortened.
         """
         is_closed = self.is_closed and np.array_equal(edges, self.edges) and bool(rows.all())
         names = ("numbers", "bodies", "behind", "planes")
@@ -135,10 +135,10 @@ _NO_EDGES = Silhouette(np.empty((0, 2, 3)), _NONE, _NONE, _NONE)
 def net_contours(surface: Surface, observer: Floats, closed: float = 0.0) -> Silhouette:
     """Return the net contours of the visible parts of a surface.
 
-    Sides that two visible parts share cancel. ``surface``: the triangles that face the observer.
-    ``observer``: position (3,) of the observer. ``closed``: approximate width, in the unit of the
-    positions, up to which slits between bodies have no contours. Raises ArgumentError if too many
-    triangles overlap in projection.
+    If two visible parts share a side, the side is not a contour. ``surface``: the triangles that
+    face the observer. ``observer``: position (3,) of the observer. ``closed``: approximate width,
+    in the unit of the positions, up to which slits between bodies have no contours. Raises
+    ArgumentError if too many triangles overlap in projection.
     """
     figures = _projections(surface, observer)
     parts = [
@@ -344,8 +344,8 @@ class _Pairing:
     """Largest gap along the line of sight between surfaces that count as touching."""
 
     def __post_init__(self) -> None:
-        """Initialise the intervals of each segment that are not shared with another segment."""
-        # For each segment, the intervals that do not coincide with another segment.
+        """Initialise, for each segment, the intervals that it shares with no other segment."""
+        # Intervals of each segment that no other segment shares.
         self.free = [[(0.0, float(length))] for length in self.segments.length]
 
     def silhouette(self) -> Silhouette:
@@ -413,7 +413,10 @@ class _Pairing:
         return list(zip(j[order].tolist(), k[order].tolist(), strict=True))
 
     def _projected_lengths(self, j: int, k: int, *lengths: float) -> list[float]:
-        """Return the points on segment k nearest to points on j, as lengths from the starts."""
+        """Return the points on segments k that are nearest to points on segments j.
+
+        The points are lengths from the starts of the segments.
+        """
         s = self.segments
         points = (s.begin[j] + t * s.unit[j] for t in lengths)
         return [float(np.clip((p - s.begin[k]) @ s.unit[k], 0.0, s.length[k])) for p in points]
@@ -437,7 +440,7 @@ class _Pairing:
     def _depth_order(self, j: int, k: int, at_j: float, at_k: float) -> int:
         """Return 1 if segment j is in front of segment k, -1 if it is behind, and 0 otherwise.
 
-        ``at_j`` and ``at_k``: position of the same point, in lengths from the start of each
+        ``at_j`` and ``at_k``: position of the same point, as the length from the start of each
         segment.
         """
         s, faces = self.segments, self.surface.faces

@@ -149,7 +149,7 @@ class Trapezoids(NamedTuple):
 
     @property
     def corners(self) -> NDArray[np.float64]:
-        """Lower left, lower right, upper left, upper right corners in m, shape (n, 4, 2)."""
+        """Lower left, lower right, upper left and upper right corners in m, shape (n, 4, 2)."""
         x = np.stack([self.left, self.left + self.width] * 2, axis=-1)
         low, height = np.stack(self[4:], axis=-1), np.stack(self[2:4], axis=-1)
         return np.stack([x, np.concatenate([low, low + height], axis=-1)], axis=-1)

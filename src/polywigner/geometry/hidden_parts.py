@@ -110,7 +110,7 @@ def _overlapping_pairs(projected: Projected, polygons: Shapes) -> tuple[Indices,
 
 
 def _are_separated(projected: Projected, one: Indices, other: Indices) -> NDArray[np.bool_]:
-    """Return a mask (m,) of the pairs of triangles that a side of the first triangle separates.
+    """Return a mask (m,) of pairs of triangles that are separated by a side of the first triangle.
 
     Triangles that only touch count as separated. ``one`` and ``other`` (m,): indices of the
     triangles of each pair.
@@ -130,9 +130,9 @@ def _are_separated(projected: Projected, one: Indices, other: Indices) -> NDArra
 def _nearer_parts(projected: Projected, hidden: Indices, before: Indices) -> tuple[Indices, Shapes]:
     """Return the parts of triangles that lie in front of the planes of other triangles.
 
-    ``hidden`` and ``before``: indices (m,) of pairs of triangles that overlap in projection.
-    Returns the index of the hidden triangle, and the part of the other triangle in front of the
-    plane of the hidden triangle. Pairs without such a part are omitted.
+    ``hidden`` and ``before``: indices (m,) of pairs of triangles that overlap in projection. For
+    each pair, returns the index of the hidden triangle, and the part of the other triangle that
+    lies in front of the hidden triangle's plane. Pairs without such a part are omitted.
     """
     slopes = projected.slopes
     offset = projected.points[before] - projected.points[hidden, :1]
@@ -177,12 +177,12 @@ def visible_parts(
     boxes: Shapes | None = None,
     grid: float | None = None,
 ) -> tuple[Indices, Shapes]:
-    """Subtract from each illuminated part of a triangle the parts that other triangles hide.
+    """Return the illuminated parts of triangles without the parts that other triangles hide.
 
     ``polygons`` (n,): the triangles in the projection plane. ``illuminated`` (n,): the illuminated
     part of each triangle. ``boxes`` (n,), by default ``polygons``: only triangles with overlapping
-    boxes hide each other. ``grid``: grid spacing, required if edges of illuminated parts coincide
-    with edges of shadows, apart from rounding errors.
+    boxes hide each other. ``grid``: grid spacing, required if edges of illuminated parts and edges
+    of shadows coincide up to rounding errors.
 
     Returns the indices (m,) of the partly hidden triangles and their visible parts (m,), which may
     be empty; all other triangles are entirely visible. If two triangles coincide, the first one
@@ -215,9 +215,10 @@ def in_triangles(shapes: Shapes, points: Floats, ranges: Floats) -> Shapes:
 
 
 def barycentric(points: Floats, ranges: Floats, owner: Indices, at: Floats) -> Floats:
-    """Return barycentric coordinates (m, 3) in space of image points (m, 2) in triangles.
+    """Return barycentric coordinates (m, 3), in space, of points (m, 2) in the projection plane.
 
-    ``points`` (n, 3, 2) and ``ranges`` (n, 3): see `Projected`. ``owner``: index of the triangle.
+    ``points`` (n, 3, 2) and ``ranges`` (n, 3): see `Projected`. ``owner`` (m,): index of the
+    triangle that contains each point.
     """
     inverse = np.linalg.inv(np.stack([points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]], 2))
     inside = np.einsum("nij,nj->ni", inverse[owner], at - points[owner, 0])
@@ -340,7 +341,7 @@ def polygonal(shapes: Any) -> Shapes:
 def _overlay(
     operation: Callable[..., BaseGeometry], one: Shapes, other: Shapes, grid: float | None
 ) -> Shapes:
-    """Return the polygons that a set operation of shapely makes of pairs of polygons (m,).
+    """Return the polygonal results of a set operation of shapely on pairs of polygons (m,).
 
     If GEOS fails, invalid polygons are repaired, and each pair is computed on coarser grids.
     """
@@ -359,9 +360,9 @@ def _retried(
 ) -> BaseGeometry:
     """Return the result of an operation; while GEOS fails, repeat it on coarser grids.
 
-    ``compute``: function of the keyword ``grid_size``. ``shapes``: operands, whose extent sets the
-    grids. ``first``: first grid spacing, or None for no grid. Raises GEOSException if the coarsest
-    grid fails too.
+    ``compute``: function of the keyword ``grid_size``. ``shapes``: operands, whose extent
+    determines the grid spacings. ``first``: first grid spacing, or None for no grid. Raises
+    GEOSException if the coarsest grid fails too.
     """
     extent = float(np.ptp(shapely.get_coordinates(shapes), axis=0).max(initial=0.0))
     *grids, last = first, *(size * extent for size in _GRIDS)

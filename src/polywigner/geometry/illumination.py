@@ -24,9 +24,10 @@ from polywigner.geometry.arguments import (
 
 
 def checked_shift(shift: Any, dimension: int, name: str = "a shift") -> NDArray[np.float64]:
-    """Return a translation, shape (dimension,), which may also be a number in one dimension.
+    """Return a translation as an array (dimension,); a number is accepted in one dimension.
 
-    Raises ArgumentError unless it has this shape and is finite. ``name``: name in the message.
+    Raises ArgumentError unless the translation has this shape and is finite. ``name``: name in the
+    message.
     """
     shapes = ((), (1,)) if dimension == 1 else ((dimension,),)
     expected = f"expected {name} of {dimension} finite numbers"
@@ -236,7 +237,7 @@ def _merged_waves(
 
 
 def checked_field(field: Any, dimension: int) -> Illumination | None:
-    """Return an illumination with the given number of dimensions, or None, unchanged.
+    """Check that a field is None or an illumination of the given dimension, and return it.
 
     Raises ArgumentError or IlluminationError for other values.
     """

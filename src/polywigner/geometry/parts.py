@@ -38,7 +38,7 @@ _GRID = 2.0**-44
 
 
 def grid_size(points: Ring) -> float:
-    """Return a power of two near 2^-44 times the larger of extent and largest coordinate."""
+    """Return a power of two near 2^-44 of the extent or largest coordinate, whichever is larger."""
     scale = max(extent(points), float(np.abs(points).max()))
     return float(_GRID * 2.0 ** np.ceil(np.log2(scale)))
 
@@ -130,7 +130,7 @@ def union_on_grid(
 ) -> BaseGeometry:
     """Return the union of polygons, without gaps and overlaps due to rounding.
 
-    Vertices near `originals` (n, 2) become equal to them; by default, these are the input vertices.
+    Vertices near `originals` (n, 2), by default the input vertices, become equal to them.
     """
     points = shapely.get_coordinates(list(geometries)) if originals is None else originals
     grid = grid_size(points)
@@ -142,7 +142,7 @@ def combined_on_grid(
 ) -> BaseGeometry:
     """Apply a set operation of shapely; clean the result like :func:`union_on_grid`.
 
-    If no part of the result is wider than the grid, it is an empty MultiPolygon.
+    If no part of the result is wider than the grid, the result is an empty MultiPolygon.
     """
     points = shapely.get_coordinates([first, second])
     grid = grid_size(points)
@@ -153,7 +153,7 @@ def combined_on_grid(
 
 
 def _without_slivers(region: BaseGeometry, points: Ring, grid: float) -> BaseGeometry:
-    """Return a region without polygons and holes thinner than the grid.
+    """Remove the polygons and holes of a region that are thinner than the grid.
 
     Vertices near ``points`` (n, 2) become equal to them, and vertices on straight lines are
     dropped. If all polygons are thinner than the grid, they are kept.
@@ -168,7 +168,7 @@ def _without_slivers(region: BaseGeometry, points: Ring, grid: float) -> BaseGeo
 
 
 def _welded(polygons: NDArray[np.object_]) -> NDArray[np.object_]:
-    """Return polygons (n,) with nearly equal vertices merged, and vertices added on touched edges.
+    """Merge nearly equal vertices of polygons (n,), and add vertices where vertices touch edges.
 
     Vertices move by at most 64 ulp of the largest coordinate. Polygons that would become invalid
     stay unchanged.
@@ -227,7 +227,7 @@ def part_of_ring(vertices: object, name: str = "the ring") -> Part:
 
 
 def _straightened(part: Part) -> Part:
-    """Return a part without vertices that lie between their neighbours up to rounding."""
+    """Remove the vertices of a part that lie between their neighbours, up to rounding errors."""
     while True:
         polygon = polygon_of_part(part)
         simple = straightened(polygon, _STRAIGHT * polygon.area / extent(part[0]))
@@ -267,8 +267,8 @@ def check_overlaps(
 ) -> bool:
     """Return whether any polygons touch; raise GeometryError if any polygons overlap.
 
-    ``things``: plural name of the polygons in the message. With ``nested``, a polygon may cover
-    another polygon, and contacts are not reported.
+    ``things``: plural name of the polygons in the message. If ``nested`` is true, a polygon may
+    cover another polygon, and contacts are not reported.
     """
     array = np.array(polygons, dtype=object)
     shift = rounding_tolerance(shapely.get_coordinates(array))

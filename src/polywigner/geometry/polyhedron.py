@@ -210,7 +210,7 @@ def _check_planar(points: Vertices, faces: Sequence[tuple[int, ...]]) -> None:
 def _oriented(
     points: Vertices, faces: tuple[tuple[int, ...], ...]
 ) -> tuple[tuple[tuple[int, ...], ...], float]:
-    """Return the faces, counter-clockwise seen from outside the solid, and its volume."""
+    """Return the faces, counter-clockwise as seen from outside, and the volume of the solid."""
     surfaces = closed_surfaces(faces)
     members = [[faces[k] for k in surface] for surface in surfaces]
     volumes = [_volume_inside(points, member) for member in members]
@@ -245,7 +245,7 @@ def _volume_inside(points: Vertices, faces: Sequence[Sequence[int]]) -> float:
 
 
 def normals_of(corners: Vertices) -> Vertices:
-    """Return normals (k, 3) of faces (k, n, 3), whose lengths are twice the areas.
+    """Return normals (k, 3) of faces (k, n, 3); their lengths are twice the areas of the faces.
 
     A normal points to the side from which the corners are counter-clockwise.
     """
@@ -254,7 +254,7 @@ def normals_of(corners: Vertices) -> Vertices:
 
 
 def axes_across(direction: Vertices) -> Vertices:
-    """Return the image axes (..., 2, 3) seen along ``direction``, perpendicular unit vectors."""
+    """Return unit vectors (..., 2, 3) perpendicular to ``direction``, the axes of an image."""
     first = _unit(np.cross(direction, np.eye(3)[np.abs(direction).argmin(axis=-1)]))
     return np.stack([first, np.cross(first, direction)], axis=-2)
 
@@ -278,8 +278,9 @@ def heights_of(points: Vertices, faces: Sequence[Sequence[int]]) -> Vertices:
 def triangulate_faces(points: Vertices, faces: Sequence[Sequence[int]]) -> Indices:
     """Return vertex indices (m, 3) of triangles that cover each face once, in the order of faces.
 
-    Faces that are not convex become constrained Delaunay triangles. A face may contain an edge in
-    both directions, as a bridge to a hole. Raises GeometryError if a face crosses itself.
+    Faces that are not convex become constrained Delaunay triangles. A face may contain an edge
+    twice, once in each direction, as a bridge to a hole. Raises GeometryError if a face crosses
+    itself.
     """
     triangles, owners = [np.empty((0, 3), np.intp)], [np.empty(0, np.intp)]
     for numbers, indices in _by_size(faces):
@@ -383,7 +384,10 @@ def closed_surfaces(faces: Sequence[Sequence[int]]) -> list[Indices]:
 
 
 def nesting_of(surfaces: Sequence[Vertices]) -> NDArray[np.bool_]:
-    """Return a matrix (n, n): whether closed surface i, triangles (m, 3, 3), encloses surface j."""
+    """Return a matrix (n, n), whose entries state whether closed surface i encloses surface j.
+
+    Each surface consists of triangles (m, 3, 3).
+    """
     low = np.array([triangles.min(axis=(0, 1)) for triangles in surfaces])
     high = np.array([triangles.max(axis=(0, 1)) for triangles in surfaces])
     around = np.logical_and(low[:, None] <= low, high[:, None] >= high).all(axis=2)
@@ -437,9 +441,9 @@ def point_distances(points: Vertices, corners: Vertices) -> Vertices:
 def windings_about(points: Vertices, corners: Vertices) -> Vertices:
     """Return the winding numbers (n,) of a closed surface (m, 3, 3) about points (n, 3).
 
-    The numbers are sums of solid angles: 1 for points inside a surface whose corners are
-    counter-clockwise from outside, 1/2 for points on a face. Source: A. Van Oosterom and J.
-    Strackee, "The solid angle of a plane triangle", 1983.
+    The numbers are sums of solid angles. They are 1 for points inside a surface whose corners are
+    counter-clockwise as seen from outside, and 1/2 for points on a face. Source: A. Van Oosterom
+    and J. Strackee, "The solid angle of a plane triangle", 1983.
     """
     windings = np.empty(len(points))
     for block in index_blocks(len(points), _PAIRS // len(corners)):

@@ -107,7 +107,7 @@ _ZERO_AREA = 2.0**-50
 
 
 def rounding_tolerance(coordinates: Ring) -> float:
-    """Return 64 ulp of the largest coordinate, more than rotations and shifts lose by rounding."""
+    """Return 64 ulp of the largest coordinate, a bound on the errors of rotations and shifts."""
     return float(2.0**-46 * np.abs(coordinates).max())
 
 
@@ -198,7 +198,7 @@ _FILL, _LINE = "#9ecae1", "#2166ac"
 
 
 def plot_rings(rings: Sequence[Ring], ax: Axes | None, unit: str) -> Axes:
-    """Plot filled rings in m on ``ax`` or on new axes, scaled in a ``unit`` such as "mm"."""
+    """Plot filled rings (in m) on ``ax`` or on new axes, in a ``unit`` such as "mm"."""
     scale = parse_unit(unit)
     if ax is None:
         from matplotlib import pyplot

@@ -51,7 +51,7 @@ def _pair(values: Any, name: str) -> Ring:
 
 
 def _require(fits: bool, expected: str, **got: Any) -> None:
-    """Raise ArgumentError with an expectation and the actual values, unless ``fits`` is true."""
+    """Raise ArgumentError with the expected and the actual values, unless ``fits`` is true."""
     if not fits:
         values = ", ".join(f"{name}={value!r}" for name, value in got.items())
         raise ArgumentError(f"expected {expected}, got {values}")
@@ -462,7 +462,9 @@ def grating(count: int, width: float, pitch: float) -> Slits:
 
 
 def _hexagon_centres(rings: int, centre: bool) -> list[tuple[int, int]]:
-    """Return the centres of honeycomb cells; the units are 3/2 sides in x and half heights in y.
+    """Return the centres of honeycomb cells.
+
+    The units are 3/2 times the side of a cell along x, and half its height along y.
 
     ``rings``: number of rings around the central cell. ``centre``: whether to include that cell.
     """

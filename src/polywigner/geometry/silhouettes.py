@@ -205,7 +205,7 @@ def is_convex(points: Floats, triangles: Indices, normals: Floats, error: float 
     """Return whether a closed surface is convex.
 
     No triangle may lie in front of a neighbour's plane, and all triangles must face away from the
-    mean of their corners. Bodies that meet in one vertex fail the second condition, and so does a
+    mean of all corners. Bodies that meet in one vertex fail the second condition, and so does a
     triangle without area, which could hide a concave edge. ``normals`` (t, 3): normals of the
     triangles, of any length. ``error``: accepted height in front of a plane, as a fraction of the
     size of the body.
@@ -277,8 +277,8 @@ class Obstacles:
     def beyond(self, source: Floats, points: Floats) -> NDArray[np.bool_]:
         """Return a mask of the points (n, 3) beyond all bodies, as seen from a source point (3,).
 
-        These points are farther from the source than all vertices. The mirror image of the cone
-        around the bodies, behind the source, is excluded.
+        These points are farther from the source than all vertices. Points behind the source, in the
+        mirror image of the cone around the bodies, are excluded.
         """
         rays, (axis, angle) = points - source, _cone(self.vertices - source)
         away = np.linalg.norm(rays, axis=1)
@@ -312,7 +312,7 @@ class Obstacles:
         return replace(seen, planes=planes)
 
     def _mesh_silhouette(self, number: int, source: Floats) -> Silhouette:
-        """Return the silhouette of a body that neither hides another body nor is hidden.
+        """Return the silhouette of a body that hides no other body and is not hidden.
 
         ``number``: index of the body. The attribute ``planes`` is not set.
         """
@@ -346,7 +346,7 @@ class Obstacles:
 
     @cached_property
     def contacts(self) -> Indices:
-        """Pairs of body indices (n, 2), ascending, that touch, cross or contain each other."""
+        """Ascending pairs of indices (n, 2) of bodies that touch, cross or contain each other."""
         pairs = contacts(
             [body.vertices[body.triangles] for body in self.bodies],
             [body.rim for body in self.bodies],
@@ -363,13 +363,13 @@ class Obstacles:
         return np.unique(np.sort(np.array(pairs, np.intp).reshape(-1, 2), axis=1), axis=0)
 
     def are_in_contact(self, one: Indices, other: Indices) -> NDArray[np.bool_]:
-        """Return a mask (n,) of the pairs of body indices that are equal or directly in contact."""
+        """Return a mask (n,) of the pairs of equal bodies and of bodies directly in contact."""
         keys = (self.contacts @ [[len(self.bodies), 1], [1, len(self.bodies)]]).ravel()
         return np.asarray((one == other) | np.isin(one * len(self.bodies) + other, keys))
 
     @cached_property
     def groups(self) -> Indices:
-        """Smallest index of the bodies that contacts connect to each body, shape (k,)."""
+        """Smallest index of the bodies connected to each body by contacts, shape (k,)."""
         return connected(len(self.bodies), *self.contacts.T)
 
     @cached_property
@@ -379,11 +379,11 @@ class Obstacles:
 
     @cached_property
     def _first_edges(self) -> Indices:
-        """Smallest number of the edges of each body, shape (k + 1,); see ``_edge_numbers``."""
+        """Smallest edge number of each body, shape (k + 1,); see ``_edge_numbers``."""
         return np.cumsum([0, *(len(body.vertices) ** 2 for body in self.bodies)])
 
     def _edge_numbers(self, number: int, ends: Indices) -> Indices:
-        """Return a number for each edge between two vertices (..., 2), numbered within a body.
+        """Return a number for each edge, given its two vertex indices (..., 2) within a body.
 
         The numbers are unique among all bodies, and independent of the direction of the edge.
         """
@@ -413,7 +413,7 @@ class Obstacles:
         return np.concatenate(rows)
 
     def flush_with(self, body: int, plane: Floats, planes: Floats) -> Indices:
-        """Return the bodies with a face in a ``plane`` (4,) that contacts connect to a given body.
+        """Return the bodies connected to a body by contacts that have a face in ``plane`` (4,).
 
         ``body``: index of the body, which may be in the result. ``planes`` (f, 4): result of
         :meth:`face_planes`. A body without contacts is returned even if it has no such face.
@@ -429,8 +429,9 @@ class Obstacles:
     ) -> Surface:
         """Return the triangles of the bodies ``numbers`` that face a source point (3,).
 
-        The triangles are counter-clockwise as seen from the source. With ``plane`` (4,), only
-        triangles entirely behind this plane (on its negative side) and not edge-on are returned.
+        The triangles are counter-clockwise as seen from the source. If ``plane`` (4,) is specified,
+        the result excludes triangles that are edge-on, and triangles that are not entirely behind
+        this plane (on its negative side).
         """
         parts = []
         for number in numbers:
@@ -545,7 +546,9 @@ def pyramids(corners: Floats) -> Floats:
 def contacts(
     meshes: Sequence[Floats], rims: Sequence[Floats | None], within: float
 ) -> list[tuple[int, int]]:
-    """Return pairs of meshes (t, 3, 3) that cross, or have a corner ``within`` of the other mesh.
+    """Return pairs of meshes (t, 3, 3) that cross or are near each other.
+
+    Meshes are near each other if a corner of one mesh is at most ``within`` from the other mesh.
 
     ``rims``: boundary edges (m, 2, 3) of each sheet, or None for a closed mesh. A body that stands
     on the interior of a sheet is not in contact with the sheet.
@@ -597,7 +600,7 @@ def _near(one: Floats, other: Floats, within: float) -> Iterator[tuple[Floats, F
 
 
 def _are_near(one: Floats, other: Floats, within: float) -> bool:
-    """Return whether the triangles (n, 3, 3) of any pair cross, or have near corners.
+    """Return whether any pair of triangles (n, 3, 3) crosses or has near corners.
 
     A near corner is at most ``within`` away from the other triangle.
     """

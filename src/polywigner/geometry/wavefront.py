@@ -62,8 +62,8 @@ class TakesWaves(Immutable):
     ) -> Wavefront:
         """Return this source with its field times exp(i pi |x - c|^2 / (wavelength R)).
 
-        This quadratic phase describes the wave in the aperture of a horn, or defocus. It adds to
-        the phase of a present curved wave.
+        This quadratic phase describes the wave in the aperture of a horn, or defocus. If the source
+        already has a curved wave, the phases of both waves are added.
 
         Parameters
         ----------
@@ -230,7 +230,7 @@ class Wavefront(TakesWaves):
         self._set(source=source, curvature=q, centre=c, coherence_width=width, wavelength=length)
 
     def at_wavelength(self, wavelength: float) -> Wavefront:
-        """Return the source, with the curvature of its wave, at another wavelength in m."""
+        """Convert the source and the curvature of its wave to another wavelength in m."""
         length = checked_wavelength(wavelength)
         source = self.source.at_wavelength(length)
         if self.wavelength in (None, length):
@@ -259,7 +259,7 @@ class Wavefront(TakesWaves):
 
     @property
     def coherent(self) -> Any:
-        """The fully coherent source: with its curved wave, or the flat source itself."""
+        """The fully coherent source, with its curved wave if there is one."""
         if self.is_flat:
             return self.source
         return self._with(coherence_width=np.inf)
@@ -296,9 +296,9 @@ class Wavefront(TakesWaves):
         return method
 
     def on(self, source: Any, shift: ArrayLike | None = None) -> Wavefront:
-        """Return another source with this wave, translated by ``shift`` in metres, shape (d,).
+        """Apply this wave, translated by ``shift`` in metres, shape (d,), to another source.
 
-        The other source itself is not moved.
+        The other source is not translated.
         """
         moved = 0.0 if shift is None else checked_shift(shift, self.dimension)
         return self._with(source=source, centre=self.centre + moved)

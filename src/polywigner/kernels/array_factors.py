@@ -213,7 +213,7 @@ class _Basis:
 def _series(
     lengths: NDArray[np.intp], product: Callable[[NDArray[np.intp], NDArray[np.intp]], Complex]
 ) -> _Series:
-    """Return trigonometric sums with the ``lengths[r]`` coefficients ``product(r, k)`` in row r."""
+    """Return trigonometric sums; row r has ``lengths[r]`` coefficients ``product(r, k)``."""
     count, terms = len(lengths), (int(lengths.max()) + 1) // 2
     packet = min(terms, _PACKET)
     packets = -(-terms // packet)

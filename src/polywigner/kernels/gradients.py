@@ -30,7 +30,7 @@ _ZERO = Pair(0.0, 0.0)
 
 
 class Accumulator(Protocol):
-    """Interface of objects that compute the change of a transform due to vertices and weights."""
+    """Interface of objects that compute how a transform changes with vertices and weights."""
 
     needs_vertices: bool
     needs_weights: bool
@@ -224,7 +224,7 @@ def _weights(ops: Any, tables: Tables) -> list[Pair]:
 
 
 class _WavePairGradients:
-    """Derivatives of W or A for a pair of plane waves, including those with respect to weights."""
+    """Derivatives of W or A for a pair of plane waves, also with respect to weights."""
 
     values = 12
 

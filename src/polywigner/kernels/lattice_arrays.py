@@ -136,7 +136,7 @@ def _array_frame(
     origin, count = np.array(lattice.origin) + centre, np.array(lattice.weights.shape) - 1
 
     def nodes(scale: float, *columns: Any) -> _Nodes:
-        """Return nodes from the columns of their windows."""
+        """Return nodes, given the columns of ``windows``."""
         return _Nodes(scale, tuple(zip(*(column.tolist() for column in columns), strict=True)))
 
     return _ArrayFrame(

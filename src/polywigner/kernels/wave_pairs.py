@@ -43,8 +43,8 @@ UNIFORM: Waves = (Wave(1.0, (0.0, 0.0)),)
 def carrier_of(illuminations: Iterable[Any], dimension: int) -> Vector:
     """Return the carrier frequency of a source: the centre of the frequencies of its waves.
 
-    The centre is the midpoint of the range of the frequencies along each axis. None specifies
-    uniform illumination.
+    The centre is the midpoint of the range of the frequencies along each axis. The illumination
+    None is uniform.
     """
     still = np.zeros((1, dimension))
     frequencies = np.concatenate([still if i is None else i.frequencies for i in illuminations])
@@ -54,7 +54,7 @@ def carrier_of(illuminations: Iterable[Any], dimension: int) -> Vector:
 def waves_in_frame(illumination: Any, frame: Any) -> Waves:
     """Return the plane waves of an illumination in a frame, relative to the frame's carrier.
 
-    None specifies uniform illumination.
+    The illumination None is uniform.
     """
     if illumination is None:
         pairs = [(1.0, [0.0] * len(frame.centre))]

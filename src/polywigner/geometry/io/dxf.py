@@ -350,9 +350,9 @@ def _union_of_hatches(hatches: Sequence[_Shape], painted: Sequence[list[Ring]]) 
 def _closed_rings(paths: Sequence[Path], gap: float, tolerance: float | None) -> list[Ring]:
     """Return rings (n, 2) of closed paths, and of chains of paths whose ends meet.
 
-    ``gap``: largest distance between ends that meet. ``tolerance``: distance of chords from curves,
-    by default relative (:func:`allowed_distance`). Both distances are in the drawing's unit. Raises
-    FileFormatError if an open end does not meet exactly one other end.
+    ``gap``: largest distance between ends that meet. ``tolerance``: largest distance of chords from
+    curves; see :func:`allowed_distance` for the default. Both distances are in the drawing's unit.
+    Raises FileFormatError if an open end does not meet exactly one other end.
     """
     # Paths shorter than the gap count as points and are dropped.
     paths = [path for path in paths if extent(_sample_points(path)) > gap]
@@ -370,7 +370,7 @@ def _closed_rings(paths: Sequence[Path], gap: float, tolerance: float | None) ->
 
 
 def _path_chords(path: Path, distance: float) -> Points:
-    """Return the distinct vertices (n, d) of chords within ``distance`` of a path."""
+    """Return the distinct vertices (n, d) of chords that lie within ``distance`` of a path."""
     pieces = [chords(curve, distance) for curve in path]
     return np.concatenate([*(piece[:-1] for piece in pieces[:-1]), pieces[-1]])
 

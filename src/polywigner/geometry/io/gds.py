@@ -94,7 +94,7 @@ def _layer_names(layer: int, data_type: int) -> tuple[str, str]:
 def _shapes(cell: Any) -> Iterator[tuple[str, str, Ring]]:
     """Yield two layer names and the outline (n, 2) of each polygon and path, in the file's unit.
 
-    The polygons and paths in references of the cell are included.
+    The polygons and paths of referenced cells are included.
     """
     for polygon in cell.get_polygons(include_paths=False):
         yield *_layer_names(polygon.layer, polygon.datatype), polygon.points

@@ -74,7 +74,7 @@ Layers = Iterable[tuple[bool, BaseGeometry]]
 
 
 def _refusal(expected: str, got: str, advice: str = "export the layer again") -> FileFormatError:
-    """Return the FileFormatError "expected ..., got ...; advice"."""
+    """Return a FileFormatError with the message "expected ..., got ...; advice"."""
     return FileFormatError(f"expected {expected}, got {got}; {advice}")
 
 
@@ -101,7 +101,9 @@ def _statements(text: str) -> Iterator[tuple[str, int]]:
 
 
 def _checked_statements(text: str) -> tuple[str, str]:
-    """Return a Gerber file's statements as gerbonara accepts them, and the unit "MM" or "IN".
+    """Return a Gerber file's statements in a form that gerbonara accepts, and its unit.
+
+    The unit is "MM" or "IN".
 
     Raises FileFormatError for unsupported statements and missing units.
     """
@@ -138,7 +140,7 @@ def _checked_statements(text: str) -> tuple[str, str]:
 
 
 def _objects_of(text: str) -> list[Any]:
-    """Return gerbonara's graphical objects in the file's unit; its warnings raise an exception."""
+    """Return gerbonara's graphical objects in the file's unit; raise its warnings as exceptions."""
     library: Any = import_module("gerbonara.rs274x")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -147,7 +149,7 @@ def _objects_of(text: str) -> list[Any]:
 
 
 def _copper(layers: Layers) -> BaseGeometry:
-    """Return the copper after all dark (additive) and clear (subtractive) shapes."""
+    """Return the copper that remains after all dark (additive) and clear (subtractive) shapes."""
     copper = np.array([], dtype=object)
     for dark, run in groupby(layers, key=lambda layer: layer[0]):
         shapes = [polygon for _, shape in run for polygon in polygons_in(shape)]
@@ -177,8 +179,9 @@ def _circle(centre: Any, radius: float, start: float = 0.0, sweep: float = 2 * m
 def _arc_between(start: Any, end: Any, clockwise: bool, about: Any) -> Arc:
     """Return the circular arc between two points about a centre.
 
-    All points are absolute. The centre is moved to equal distances from both points. If the points
-    are equal, the arc is a full circle. Raises FileFormatError if the distances differ too much.
+    All coordinates are absolute. The centre is moved to equal distances from both points. If the
+    points are equal, the arc is a full circle. Raises FileFormatError if the distances differ too
+    much.
     """
     first_end, last_end, centre = np.array([start, end, about], dtype=float)
     first, last = np.hypot(*(first_end - centre)), np.hypot(*(last_end - centre))

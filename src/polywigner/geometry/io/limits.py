@@ -49,7 +49,7 @@ _NUMBER = re.compile(r"[-+.,;:\s0-9eE]{1,12}", re.ASCII)
 
 
 def token(text: str, known: tuple[str, ...] = ()) -> str:
-    """Return the text for a token of a file in error messages.
+    """Return the text that represents a token of a file in error messages.
 
     Numbers and ``known`` words are quoted; other text is replaced by its length.
     """
@@ -82,7 +82,7 @@ def check_regular(path: Path) -> None:
 def bytes_of(path: Path, largest: int = LARGEST_FILE) -> bytes:
     """Return the content of a regular file of 1 to `largest` bytes.
 
-    Raises FileFormatError for other files, and for files of blanks.
+    Raises FileFormatError for other files, and for files that contain only blanks.
     """
     try:
         check_regular(path)

@@ -153,7 +153,7 @@ def _stl(content: bytes) -> Mesh:
 
 
 def _of_corners(corners: Points, precision: float) -> Mesh:
-    """Return a mesh of triangles with corners (m, 3, 3), without common vertices."""
+    """Return a mesh of triangles with corners (m, 3, 3), which do not share vertices."""
     numbers = np.arange(3 * len(corners)).reshape(-1, 3)
     return Mesh(corners.reshape(-1, 3), list(map(tuple, numbers.tolist())), precision)
 
@@ -259,12 +259,12 @@ def _text_reader(body: bytes) -> tuple[ReadNumbers, Callable[[], bool]]:
     """Return a reader of numbers in text, and a test that is true at the end of the text.
 
     The reader returns a number for each letter of a `struct` format, such as "fff". The test
-    consumes a number, so it comes after the last call of the reader.
+    consumes a number, so call it only after the last call of the reader.
     """
     words = iter(body.split())
 
     def read(form: str) -> Sequence[Any]:
-        """Read numbers; ``form``: one `struct` letter for the type of each number."""
+        """Read numbers; ``form`` contains the `struct` letter of the type of each number."""
         return [float(next(words)) if kind in "fd" else int(next(words)) for kind in form]
 
     return read, lambda: next(words, None) is None
@@ -279,7 +279,7 @@ def _binary_reader(body: bytes, order: str) -> tuple[ReadNumbers, Callable[[], b
     stream = io.BytesIO(body)
 
     def read(form: str) -> Sequence[Any]:
-        """Read numbers; ``form``: one `struct` letter for the type of each number."""
+        """Read numbers; ``form`` contains the `struct` letter of the type of each number."""
         return struct.unpack(order + form, stream.read(struct.calcsize(order + form)))
 
     return read, lambda: not stream.read().strip()

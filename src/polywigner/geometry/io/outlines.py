@@ -121,7 +121,7 @@ class Bezier:
         return Bezier(self.points @ matrix + offset)
 
     def chords(self, distance: float) -> Points:
-        """Return vertices (n, d) of chords within ``distance`` of the curve, at equal steps.
+        """Return vertices (n, d), at equal steps, of chords within ``distance`` of the curve.
 
         The number of parameter steps follows from a bound on the second derivative.
         """
@@ -142,7 +142,7 @@ class Spline:
     """Parameters at the start, between the pieces, and at the end."""
 
     def at(self, t: Points) -> Points:
-        """Return points (n, d) at fractions (n,) of the curve; all pieces have equal weight."""
+        """Return points (n, d) at fractions (n,) of the curve; each piece is an equal fraction."""
         count = len(self.breaks)
         return self.evaluate(np.interp(t * (count - 1), np.arange(count), self.breaks))
 
@@ -185,7 +185,7 @@ def sampled(curve: Curve, steps: int = 1) -> Points:
 
 
 def chords(curve: Curve, distance: float) -> Points:
-    """Return vertices (n, d) of chords within `distance` of a curve."""
+    """Return vertices (n, d) of chords that deviate from a curve by at most `distance`."""
     return curve if isinstance(curve, np.ndarray) else curve.chords(distance)
 
 
@@ -208,7 +208,7 @@ def allowed_distance(outline: Sequence[Curve], tolerance: float | None) -> float
 def flattened(outlines: Sequence[Sequence[Curve]], tolerance: float | None) -> list[Ring]:
     """Return each outline as a ring (n, d) without a repeated first vertex.
 
-    Chords are within `tolerance` of the curves; by default within 1/2000 of the diagonal of the
+    Chords deviate from the curves by at most `tolerance`, by default 1/2000 of the diagonal of the
     outline. Full ellipses keep their area. Raises FileFormatError for coordinates beyond 1e100 and
     for more than a million chords.
     """
@@ -220,7 +220,7 @@ def flattened(outlines: Sequence[Sequence[Curve]], tolerance: float | None) -> l
 
 
 def _chord_count(steps: float) -> int:
-    """Round a number of chords up, to at least 1; raise FileFormatError above a million."""
+    """Round a number of chords up, to at least 1; raise FileFormatError if it exceeds a million."""
     remedy = "simplify the outlines, or pass a larger tolerance for curves"
     check_most(steps, MOST_VERTICES, "vertices", remedy, FileFormatError)
     return max(1, math.ceil(steps))
@@ -295,10 +295,11 @@ def nesting_depths(rings: Sequence[Ring]) -> NDArray[np.intp]:
 
 
 def nested(rings: Sequence[Ring], union: bool = False) -> list[Polygon]:
-    """Return polygons, each a list of its outline and of the rings directly inside it as holes.
+    """Return polygons, each as a list of an outline and its holes, the rings directly inside it.
 
     A ring inside a hole starts a new polygon. The orientation of rings is arbitrary. Rings that
-    cross themselves raise a GeometryError, and so do overlaps, unless ``union`` joins them first.
+    cross themselves raise a GeometryError. Overlapping rings are joined if ``union`` is true, and
+    otherwise also raise a GeometryError.
     """
     is_simple = shapely.is_valid([shapely.Polygon(ring) for ring in rings])
     clean = [

@@ -56,7 +56,7 @@ def load_wkt(file: File) -> Drawing:
 
 
 def _drawing_from_text(file: File, parse: Callable[[str], BaseGeometry], expected: str) -> Drawing:
-    """Load polygons with a parser of shapely; ``expected``: content, for error messages."""
+    """Load polygons with a parser of shapely; ``expected`` names the content in error messages."""
     try:
         # NaN causes no warning here, because it raises an error later, which names the vertex.
         with np.errstate(invalid="ignore"):
@@ -195,7 +195,7 @@ def _load_any_format(file: File) -> Drawing:
 
 
 def _in_metres(points: Any, metres: float) -> Ring:
-    """Convert coordinates in a unit of ``metres`` to metres.
+    """Convert coordinates to metres; ``metres`` is the length of their unit in metres.
 
     A division by 1000 is more accurate than a multiplication by 0.001.
     """
@@ -205,7 +205,7 @@ def _in_metres(points: Any, metres: float) -> Ring:
 
 
 def _aperture_of(drawing: Drawing, union: bool) -> Aperture:
-    """Return the aperture in metres of a drawing; ``union``: whether polygons may overlap."""
+    """Return the aperture of a drawing in metres; ``union`` states whether polygons may overlap."""
     polygons = drawing.polygons
     sizes = [len(ring) for rings in polygons for ring in rings]
     remedy = "use fewer outlines, such as one element of an array"
@@ -448,7 +448,7 @@ _LOST = 1e-9
 
 
 def _plates_of(vertices: NDArray[np.float64], faces: NDArray[np.intp]) -> list[PlacedAperture]:
-    """Return triangles (m, 3) of vertices (n, 3) as plates, one plate for each plane."""
+    """Return plates made of triangles (m, 3) with vertices (n, 3), one plate for each plane."""
     corners = vertices[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     lengths = np.linalg.norm(normals, axis=1)

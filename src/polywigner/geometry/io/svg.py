@@ -88,10 +88,10 @@ def _refusal(what: str, text: str) -> FileFormatError:
 
 
 def _length(text: str, name: str, reference: float | None = None) -> tuple[float, Fraction | None]:
-    """Return a length in user units, and in metres if its unit is absolute, else None.
+    """Return a length in user units, and its value in metres (None if its unit is not absolute).
 
-    ``name``: name of the attribute, for error messages. ``reference``: length of 100 %; with None,
-    percentages raise FileFormatError.
+    ``name``: name of the attribute, for error messages. ``reference``: length of 100 %; if it is
+    None, percentages raise FileFormatError.
     """
     match = _LENGTH.fullmatch(text)
     if match is None or match[2] not in ("", "px", "%", *_SIZES):
@@ -169,8 +169,8 @@ def _outlines_of(
 ) -> list[list[Curve]]:
     """Return the closed outlines of a shape element, before its transform.
 
-    ``tag``: name of the element. ``viewport``: lengths of 100 %, by the keys "x", "y", "width" and
-    "height".
+    ``tag``: name of the element. ``viewport``: lengths that correspond to 100 %, with the keys "x",
+    "y", "width" and "height".
     """
 
     def value(name: str) -> float:
@@ -200,7 +200,7 @@ def _outlines_of(
 
 
 def _opacity(text: str | None) -> float:
-    """Return the opacity in an attribute, limited to 0 to 1; 1 if the attribute is missing."""
+    """Return the opacity in an attribute, limited to the range 0 to 1; the default is 1."""
     return 1.0 if text is None else min(max(_length(text, "opacity", 1.0)[0], 0.0), 1.0)
 
 
@@ -230,7 +230,7 @@ def _tag(element: Element) -> str:
 
 
 def _layer_names(element: Any) -> list[str]:
-    """Return the label, data-name and id of an element, if any, with which users select it."""
+    """Return the names with which users select an element: its label, data-name and id, if any."""
     return [element.get(key) for key in _NAMES if element.get(key)]
 
 
@@ -423,7 +423,7 @@ def _visible(painted: Sequence[list[Polygon]], is_white: Sequence[bool]) -> list
 
 
 def _unit_and_axes(root: Any, unit_metres: float) -> tuple[float, Points]:
-    """Return the unit of the file in metres, and the matrix (3, 3) that only reverses y.
+    """Return the unit of the file in metres, and the matrix (3, 3) that reverses the y axis.
 
     An absolute width or height specifies the size of the viewBox. Without a viewBox, the unit is a
     CSS pixel. If neither width nor height is absolute, the unit is ``unit_metres``.

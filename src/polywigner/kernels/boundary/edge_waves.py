@@ -85,8 +85,8 @@ class _Travelling:
         ``free`` is the unobstructed wave e at the point P. ``moment`` contains the components of p
         x (P - Q) along the panel, to its right and along z, for the direction p of the wave and the
         start Q of the panel. ``moment`` is empty for waves along z. The data are the waves e and
-        e', whether the wave grazes the point, and the moment. The first bound is a lower bound on
-        the sine of the angle to the mirrored ray, and the second bound is None.
+        e', a flag for waves that graze the point, and the moment. The first bound is a lower bound
+        on the sine of the angle to the mirrored ray, and the second bound is None.
         """
         z, pz = view.z, view.pz
         tilt = ops.minimum(pz + z / ops.maximum(view.radius_first, view.radius_last), 1.0)
@@ -143,7 +143,7 @@ class _Evanescent:
     ) -> tuple[Values, Any, Any]:
         """Return the data and bounds of :meth:`_Travelling.shared_data` for evanescent waves.
 
-        ``free`` omits the decay exp(-2 pi q z). The data are e, e', whether the wave grazes the
+        ``free`` omits the decay exp(-2 pi q z). The data are e, e', a flag for waves that graze the
         point, the decay, 1 - decay, and 1/decay. The first bound is None, and the second bound is
         the least distance from the mirrored ray.
         """
@@ -301,14 +301,14 @@ class EdgeRule:
 
     @classmethod
     def of(cls, cycles: float, nodes: int, tails: int) -> EdgeRule:
-        """Return a rule of ``nodes`` nodes along an edge, and ``tails`` nodes beyond ``cycles``."""
+        """Return a rule: ``nodes`` nodes along an edge, and ``tails`` nodes beyond ``cycles``."""
         along = np.stack(np.polynomial.legendre.leggauss(nodes), axis=-1)
         beyond = np.stack(np.polynomial.laguerre.laggauss(tails), axis=-1) / (2.0 * math.pi)
         return cls(cycles, *(tuple((t, w) for t, w in rule.tolist()) for rule in (along, beyond)))
 
 
 def _always(_: Any, compute: Callable[..., tuple[Any, Any]], *arguments: Any) -> tuple[Any, Any]:
-    """Return ``compute(*arguments)``, whatever the condition."""
+    """Return ``compute(*arguments)``, and ignore the condition."""
     return compute(*arguments)
 
 
@@ -358,7 +358,7 @@ class _EdgePaths:
         self.low, self.high = root_at(0.0 * length), root_at(length)
 
     def plate_turn(self, ops: Any, in_front: Any) -> Number:
-        """Return 2 h h' cos(angle/2) for a plate that ends at the edge, negative at hidden points.
+        """Return 2 h h' cos(angle/2) for a plate that ends at the edge; negative at hidden points.
 
         The angle lies between the directions from the edge to the source and to the point. The
         distances of the source and the point from the line of the edge are h and h'. See
@@ -370,7 +370,7 @@ class _EdgePaths:
         return ops.select(self._is_hidden(in_front), -size, size)
 
     def _is_hidden(self, in_front: Any) -> Any:
-        """Return whether the point lies on the shadow side of the edge, and ``in_front`` is 0."""
+        """Return whether ``in_front`` is 0 and the point lies on the shadow side of the edge."""
         return (self.turn < 0.0) & (in_front < 0.5)
 
     def angle(self, ops: Any, limit: float, in_front: Any = 0.0) -> Number:
@@ -544,7 +544,7 @@ def edge_wave_and_rate(
 def edge_change(
     ops: Any, rule: EdgeRule, wave: Pair, dipole: Pair | None, *path: Any, **how: Any
 ) -> tuple[Pair, Pair]:
-    """Return the change of a point source's wave by an edge, and the result of :func:`edge_wave`.
+    """Return the change of a point source's wave due to an edge, and the result of `edge_wave`.
 
     ``path`` contains the source, the point, the ends of the edge, and optionally the position near
     the point. ``wave`` is the wave at the point. ``dipole`` is the part of this wave that depends
@@ -566,8 +566,8 @@ def path_over(
     """Return the shortest path from a source over a straight edge to a point.
 
     The results are the detour, the cosine of the deflection at the edge (1 for a straight path),
-    the position of the bend as a fraction of the edge from 0 to 1, and the excess over the shortest
-    path over the line of the edge.
+    the position of the bend as a fraction of the edge from 0 to 1, and the excess length compared
+    with the shortest path over the infinite line of the edge.
     """
     along = difference(end, start)
     length = ops.sqrt(dot(along, along))

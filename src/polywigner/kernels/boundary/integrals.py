@@ -291,7 +291,7 @@ def sums_over_panel(
 
 
 def _lengthwise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, ...]:
-    """Return whether the rule along the panel suffices, and its clearance, phase and half-length.
+    """Return whether the rule along a panel suffices, and the clearance, phase and half-length.
 
     The clearance is the distance to the nearest singularity in half-lengths of the panel. The phase
     is the change of phase over half of the panel, in cycles.
@@ -349,8 +349,8 @@ def weighted(row: Values, real: Any, imag: Any, error: Any) -> Values:
 def _square_along(x: Any, y: Any, begin_x: Any, begin_y: Any, ex: Any, ey: Any) -> tuple[Any, Any]:
     """Return the coefficients of radius^2 - distance^2 = constant + t (slope + t) along a panel.
 
-    ``radius`` is the distance from the point (x, y) at any height to the position t on the panel,
-    and ``distance`` its distance from the centre of the source.
+    ``radius`` is the distance between a point at (x, y), at any height, and the position t on the
+    panel. ``distance`` is the distance of this point from the centre of the source.
     """
     constant = begin_x * (begin_x - 2.0 * x) + begin_y * (begin_y - 2.0 * y)
     return constant, 2.0 * (ex * (begin_x - x) + ey * (begin_y - y))
@@ -451,8 +451,8 @@ def _strip(
 ) -> Values:  # fmt: skip
     """Return the integrals of u G, u (1/R - 2 pi i) G/R, and t u (1/R - 2 pi i) G/R along a panel.
 
-    u is the wave at the length t, R the distance from the point, and G = exp(2 pi i R)/R. The
-    results are six real numbers, without the factor exp(2 pi i |(x, y, z)|).
+    Here u is the wave at the length t, R is the distance from the point, and G = exp(2 pi i R)/R.
+    The results are six real numbers, without the factor exp(2 pi i |(x, y, z)|).
     """
     dx, dy = begin_x - x, begin_y - y
     first, b = ex * dx + ey * dy, ex * dy - ey * dx

@@ -157,7 +157,7 @@ class _Line:
         return self.end(ops, low), self.end(ops, high)
 
     def angles(self, ops: Any, begin: _End, low: _End, high: _End, end: _End) -> tuple[Any, Any]:
-        """Return the integral of a/(N R) over both outer parts, and b'/(N' R) over the edge."""
+        """Return the integrals of a/(N R) over both outer parts, and of b'/(N' R) over the edge."""
         view = self.view
         level, height = view.b * view.across, view.pz * view.z
 

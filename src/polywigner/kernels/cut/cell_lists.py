@@ -76,7 +76,7 @@ class _Cells:
 
     @classmethod
     def of(cls, reach: Array, across: int) -> _Cells:
-        """Return cells for offsets up to ``reach``, about ``across`` cells on the longer side."""
+        """Return a grid for offsets up to ``reach``: about ``across`` cells on the longer side."""
         size = 2.0 ** math.floor(math.log2(2.0 * float(reach.max()) / across))
         nx, ny = (2 * (math.floor(float(r) / size) + 1) for r in reach)
         return cls(size, nx, ny)
@@ -88,7 +88,7 @@ class _Cells:
 
     @property
     def corner(self) -> Array:
-        """Lower left corner of the cells, shape (2,)."""
+        """Lower left corner of the grid of cells, shape (2,)."""
         return -0.5 * self.size * np.array([self.nx, self.ny])
 
     def centre(self, cell: Array) -> tuple[Array, Array]:
@@ -99,7 +99,7 @@ class _Cells:
 
 @lru_cache(maxsize=256)
 def cells_across(first: Outline, second: Outline, samples: int) -> int:
-    """Return the number of cells along the longer side of the plane of offsets.
+    """Return the number of cells along the longer side of the grid of offsets.
 
     Smaller cells have shorter lists, but the lists take more time to build and more memory.
     """
@@ -122,7 +122,7 @@ def cells_across(first: Outline, second: Outline, samples: int) -> int:
 def pair_grid(
     first: Outline, second: Outline, across: int, *, is_clipped: bool = False
 ) -> PairGrid:
-    """Return the edges and edge pairs of all cells, with ``across`` cells on the longer side.
+    """Return the edges and edge pairs of a grid with ``across`` cells along its longer side.
 
     If ``is_clipped`` is true, the result is a :class:`ClipGrid`, and the second outline must be
     convex. The second outline is mirrored: the offset T maps a point p to T - p. Pass the same
@@ -177,8 +177,8 @@ def _largest_offset(first: Outline, second: Outline) -> Array:
 def _leads(outline: Outline, far: float) -> Array:
     """Return horizontal lines from x = -far and x = far to the first vertex of each ring.
 
-    The rows are those of ``Outline.edges``. The left line starts outside the other copy for offsets
-    with x >= 0, and the right line for offsets with x < 0.
+    The rows have the format of ``Outline.edges``. The left line starts outside the second outline
+    for offsets with x >= 0. The right line starts outside it for offsets with x < 0.
     """
     points = outline.vertices[outline.starts[:-1]]
     ends = np.repeat(points, 2, axis=0)
@@ -194,12 +194,12 @@ def _rows_of_cells(
     others: Array,
     rings: Array | None,
 ) -> Iterator[tuple[tuple[Array, ...], tuple[Array, ...], Array]]:
-    """Yield (cell, row, level) of edges inside the other copy, and of all other rows, in blocks.
+    """Yield (cell, row, level) for edges inside the second outline and for other rows, in blocks.
 
-    For a `ClipGrid`, ``rings`` contains the ring of each edge of the other copy, and the third
-    array of a block contains the sides. The level holds for the centre of the cell. The level at
-    the start of an edge can change within a cell only if this edge and the preceding edge both
-    cross edges of the other copy in this cell.
+    The edges of the second outline are ``others``. For a `ClipGrid`, ``rings`` contains the ring of
+    each of these edges, and the third array of a block contains the sides. The level holds for the
+    centre of the cell. The level at the start of an edge can change within a cell only if this edge
+    and the preceding edge both cross edges of the second outline in this cell.
     """
     count, null = len(outline.vertices), len(others)
     weights: Array = others[:, 5]
@@ -258,10 +258,10 @@ def _clipped_rows(
 ) -> tuple[tuple[Array, Array, Array], Array]:
     """Return the list entries of edges that cross a convex ring, and the sides that they cross.
 
-    ``is_left`` states whether an edge starts to the left of the other edge at the centre of the
-    cell, and ``rings`` contains the ring of each other edge. The second column of the entries
-    contains the number of sides. The weight of each ring with such an entry is subtracted from
-    ``level`` if the edge starts inside this ring.
+    ``is_left`` states, for each pair, whether the first edge starts to the left of the second edge
+    at the centre of the cell. ``rings`` contains the ring of each edge of the second outline. The
+    second column of the entries contains the number of sides. The weight of each ring with such an
+    entry is subtracted from ``level`` if the edge starts inside this ring.
     """
     is_edge = pairs[1] < level.shape[1]
     at, i, j, is_left = (part[is_edge] for part in (*pairs, is_left))

@@ -156,8 +156,8 @@ def _line_of(side: Sequence[float], lines: dict[Line, int]) -> tuple[int, int]:
 class View:
     """Map from a point p of an edge to p' = ``offset`` T + ``point`` p for the offset T.
 
-    The factors ``offset`` and ``point`` are 1 or -1. The point p lies inside the other copy if p'
-    lies inside the outline.
+    The factors ``offset`` and ``point`` are 1 or -1. The point p lies inside the other copy of the
+    outline if p' lies inside the outline.
     """
 
     offset: int
@@ -165,7 +165,7 @@ class View:
 
     @property
     def side(self) -> float:
-        """Sign of the offset relative to the copy with the edges. The sign decides ties."""
+        """Sign of the offset relative to the copy that contains the edges; it decides ties."""
         return float(-self.offset * self.point)
 
 
@@ -247,7 +247,7 @@ class Clipper:
     def intervals(
         self, edge: Edge, view: View, group: int = 0
     ) -> Iterator[tuple[Any, Any, Any, Any]]:
-        """Yield the parts of an edge inside the convex pieces of the other copy.
+        """Yield the parts of an edge inside the convex pieces of the other copy of the outline.
 
         A part is (t0 + t1, t1 - t0, real, imag), where t0 and t1 are its ends as fractions of the
         edge. The number real + i imag is the weight of the edge times the conjugate weight of the
@@ -294,7 +294,7 @@ class Clipper:
         return low + high, length
 
     def _cut(self, edge: Edge, line: Line, view: View, slope: float) -> Number:
-        """Return the fraction of an edge at which its line meets a line of the other copy.
+        """Return the fraction of an edge at which its line meets ``line`` of the other copy.
 
         The fraction may lie outside the range from 0 to 1.
         """
@@ -307,7 +307,11 @@ class Clipper:
         return self.ops.fma(self.level(line), view.offset * scale, start * scale)
 
     def _exact_level(self, edge: Edge, line: Line, view: View) -> Number:
-        """Return cross(line direction, mapped start of edge - line), accurate to an ulp."""
+        """Return the cross product of a line's direction and the vector to the start of an edge.
+
+        The vector begins on the line, and ``view`` maps the start. The result is accurate to an
+        ulp.
+        """
         s, sign = view.offset, view.point
         dx = s * self.tx + (sign * edge.ax - line.px)
         dy = s * self.ty + (sign * edge.ay - line.py)

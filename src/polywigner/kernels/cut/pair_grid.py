@@ -35,7 +35,7 @@ Array = npt.NDArray[Any]
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """Elements with the same field, with their vertices on a grid.
+    """Elements with the same field; their vertices lie on a grid.
 
     On the grid, sums and differences of an offset and two vertices are exact, (K2) of
     docs/theory/edges.md.
@@ -183,9 +183,9 @@ _NONE = np.zeros((1, 4), np.uint32)
 class ClipGrid(PairGrid):
     """Lists of edges to clip, if each ring of the second outline is convex.
 
-    Each row of ``rows`` is a part of an edge inside one ring: the edge, the first row and the end
-    of the rows of ``sides``, and the index of the weight of the ring. The part lies to the left of
-    all these sides. Each row of ``sides`` is the index of an edge of the second outline. An edge
+    Each row of ``rows`` describes a part of an edge inside one ring: the edge, the first row and
+    the end of its rows in ``sides``, and the index of the ring's weight. The part lies to the left
+    of all these sides. Each row of ``sides`` is the index of an edge of the second outline. An edge
     that lies inside rings for all offsets in the cell has no sides. The level of such an edge is a
     sum over these rings.
     """
@@ -320,7 +320,7 @@ def _make_exact(levels: Array, columns: Array, vectors: Array, p: Array) -> None
 def crossing(
     ops: Any, edge: Any, other: Any, tx: Any, ty: Any, side: float = 1.0
 ) -> tuple[Any, Any, Any, Any]:
-    """Return whether and where an edge crosses an edge of the mirrored copy.
+    """Return whether and where an edge crosses an edge of the other outline, which is mirrored.
 
     Edges are (start x, start y, vector x, vector y). The offset (``tx``, ``ty``) maps a point p of
     the other outline to T - p. ``side`` is 1 or -1, the sign of the displacement that decides ties.

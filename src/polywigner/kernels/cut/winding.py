@@ -47,8 +47,9 @@ def pairs_of(
 ) -> PairGrid:
     """Return the edge pairs that can cross for a view and two groups, from the cache if possible.
 
-    ``samples`` is the expected number of samples, or 0 if it is unknown. With ``is_compiled``, the
-    result is a :class:`ClipGrid` if all rings of the other copy are convex.
+    ``samples`` is the expected number of samples, or 0 if it is unknown. The result is a
+    :class:`ClipGrid` if ``is_compiled`` is true and all rings of the other copy of the outline are
+    convex.
     """
     view, group, other = key
     first, second = (outline_of(tables, number, double) for number in (group, other))
@@ -79,7 +80,7 @@ _cache_lock = threading.Lock()
 def cell_of(ops: Any, pair: PairGrid, tx: Any, ty: Any) -> Number:
     """Return the index of the cell that contains an offset.
 
-    Offsets off the grid belong to an empty cell.
+    Offsets outside the grid belong to an empty cell.
     """
     x0, y0, x1, y1, per_unit, across, empty, _ = ops.gather(pair.numbers, ops.truncated(0.0))
     inside = (tx >= x0) & (tx < x1) & (ty >= y0) & (ty < y1)
@@ -134,7 +135,7 @@ class PairClipper(Clipper):
         return tuple(totals)
 
     def intervals(self, edge: Edge, view: View, group: int = 0) -> Iterator[Interval]:
-        """Yield the part of the current edge, for which ``sum_over_edges`` calls its term.
+        """Yield the part of the edge whose term ``sum_over_edges`` is computing.
 
         Only the current view yields a part, in the form of :meth:`Clipper.intervals`.
         """
@@ -144,7 +145,7 @@ class PairClipper(Clipper):
     def _sums(
         self, view: View, grid: PairGrid, term: Callable[[Edge], Level], values: int
     ) -> Iterator[Level]:
-        """Yield the sum over edges inside the other copy, and the sum over all other rows."""
+        """Yield the sum over edges inside the outline's other copy, and the sum over other rows."""
         ops, tables, count = self.ops, self.tables, 2 if self.tables.phased else 1
         tx, ty = view.side * self.tx, view.side * self.ty
 
@@ -153,7 +154,7 @@ class PairClipper(Clipper):
             return tuple(ops.gather(grid.levels, number)[:count])
 
         def part(number: Any, edge: Any, ends_sum: Any, extent: Any, level: Level) -> Level:
-            """Return the term of the part of an edge from t0 to t1, for t0 + t1 and t1 - t0."""
+            """Return the term of the part of an edge from t0 to t1, given t0 + t1 and t1 - t0."""
             ax, ay, ex, ey, _, real, imag, _ = edge or ops.gather(grid.first, number)
             begin, end, _, _ = ops.gather(grid.names, number)
             weight, phase = tables.mutual(real, imag, *level, *(0.0,) * (2 - count))
@@ -164,7 +165,7 @@ class PairClipper(Clipper):
             return term(Edge(ax, ay, ex, ey, ex, ey, 1.0, real, imag, begin=begin, end=end))
 
         def of_inside(row: Any) -> Level:
-            """Return the term of an edge that lies inside the other copy."""
+            """Return the term of an edge that lies inside the other copy of the outline."""
             number, _, _, level = ops.gather(grid.rows, row)
             return part(number, None, 1.0, 1.0, level_of(level))
 

@@ -61,9 +61,10 @@ def scaled(factor: Any, value: Any) -> Number:
 class EdgeTerms:
     """Contributions of all parts of edges at one nonzero frequency.
 
-    A part has the vector d = extent length u, and its term depends only on d. The unit vector u of
-    constant edges is shared by parallel edges. For edges in memory, u is the edge vector or d, and
-    ``length`` is 1. The sign of a term must change if d is reversed.
+    A part has the vector d = ``extent`` ``length`` u. Its term does not depend on how d is divided
+    into these factors. The unit vector u of constant edges is shared by parallel edges. For edges
+    in memory, u is the edge vector or d, and ``length`` is 1. The sign of a term must change if d
+    is reversed.
     """
 
     values: int
@@ -90,8 +91,8 @@ class EdgeTerms:
 
         ``half`` and ``midpoint`` are nu.d/2 and nu.m in cycles. ``extent`` is the length of the
         part as a fraction of the edge. ``weight`` is complex: the product of both elements' weights
-        and the jump or level of the other copy. The factors that :meth:`of_edge` applies are not
-        included.
+        and the jump or level of the other copy. The result does not include the factors that
+        :meth:`of_edge` applies.
         """
         raise NotImplementedError
 
@@ -215,7 +216,8 @@ class AreaTerms(EdgeTerms):
 def wigner_terms(ops: Any, _: Any, nu: Values, is_even: bool, is_real: bool) -> EdgeTerms:
     """Return the terms of the Wigner function at a frequency.
 
-    ``is_even`` specifies real weights, and ``is_real`` that only the real part is required.
+    ``is_even`` specifies that weights are real, and ``is_real`` that only the real part is
+    required.
     """
     if is_even:
         # W is even in nu, so a small shift of nu from 0 changes W by less than rounding errors.

@@ -87,9 +87,10 @@ class LinearFrame:
 def fan_sum(ops: Any, tables: Any, cycles: Any, *nu: Any) -> Values:
     """Return the real part and minus the imaginary part of a Fourier transform, (F2), (F3).
 
-    The result does not include exp(-2 pi i cycles) and ``frame.measure``; ``cycles`` is not used.
-    ``nu`` is the frequency in ``tables.frame``. Each row of ``tables.edges`` contains the vertices
-    of a triangle or tetrahedron except the origin, and their determinant.
+    The result does not include the factors exp(-2 pi i cycles) and ``frame.measure``; the argument
+    ``cycles`` is not used. ``nu`` is the frequency in ``tables.frame``. Each row of
+    ``tables.edges`` contains the vertices of a triangle or tetrahedron except the origin, and their
+    determinant.
     """
 
     def term(*row: Any) -> Values:
@@ -105,7 +106,7 @@ def fan_sum(ops: Any, tables: Any, cycles: Any, *nu: Any) -> Values:
 
 
 def _corners(row: Values, dimension: int) -> list[Values]:
-    """Return the vertices in a row, one vertex fewer than a triangle or tetrahedron has."""
+    """Return the vertices in a row: those of a triangle or tetrahedron except the origin."""
     return [row[k : k + dimension] for k in range(0, dimension**2, dimension)]
 
 

@@ -148,7 +148,7 @@ class _Arc:
     ) -> Values:
         """Return the complex integral of ``value(ops, p, r, *wave)`` over positions p + i r.
 
-        Steepest descents are integrated only for the samples ``is_near``.
+        Steepest descents are integrated only for samples for which ``is_near`` is true.
         """
         ops = self.ops
 
@@ -194,7 +194,7 @@ def _descent_node(ops: Any, t: Any, weight: Any, s: Any, rate: Any) -> Values:
 def _flux(ops: Any, p: Any, r: Any, *wave: Any) -> Values:
     """Return the integrand f = (exp(-beta^2/2) - g)/Z of (I5) at the position p + i r.
 
-    beta is 2 pi |nu|, and g = exp(-beta^2/2 - Z) is the Gaussian wave.
+    Here beta is 2 pi |nu|, and g = exp(-beta^2/2 - Z) is the Gaussian wave.
     """
     rate, square, energy, decay, along, across = wave
     exponent = ops.fma(rate, r, -0.5 * ((p - r) * (p + r) + square))

@@ -60,10 +60,10 @@ class SlitTables:
 class SlitPairs:
     """Pairs of slits and of their plane waves, with one row of numbers for each pair.
 
-    A row contains the distance between the centres at x = 0 or xi = 0 as two floats, both
-    half-lengths, the mean of the centres as two floats, the complex product of one field and the
-    conjugate of the other, the shift to subtract from the frequency, and the frequency of the
-    product along 4x or xi.
+    A row starts with the distance between the centres at x = 0 or xi = 0 (two floats), both
+    half-lengths, and the mean of the centres (two floats). These are followed by the complex
+    product of one field and the conjugate of the other, the shift to subtract from the frequency,
+    and the frequency of the product along 4x or xi.
     """
 
     frame: Frame
@@ -106,9 +106,10 @@ def _slit_tables(source: Slits | Array) -> SlitTables:
 def pair_tables(source: Slits | Array, double: bool, of_lags: bool) -> SlitPairs:
     """Return the pairs of slits that contribute to the Wigner or the ambiguity function.
 
-    The lag slice (``of_lags``) of the slits I_k and I_l at x is the intersection of 2(I_k - x) and
-    2(x - I_l). The reversed pair contributes the complex conjugate, so each pair is stored once.
-    The position slice at xi is the intersection of I_k - xi/2 and I_l + xi/2.
+    If ``of_lags`` is true, the slits I_k and I_l contribute to the lag slice at x, the intersection
+    of 2(I_k - x) and 2(x - I_l). The reversed pair contributes the complex conjugate, so each pair
+    is stored once. Otherwise, they contribute to the position slice at xi, the intersection of I_k
+    - xi/2 and I_l + xi/2.
     """
 
     def paired(items: Iterable[Any]) -> Iterable[tuple[Any, Any]]:

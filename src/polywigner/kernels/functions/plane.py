@@ -49,7 +49,7 @@ def _outline_of(aperture: Aperture, double: bool) -> OutlineTables:
 
 @lru_cache(maxsize=256)
 def _grid_tables_of(source: Aperture | Array) -> GridTables | None:
-    """Return the edges for Fourier transforms on grids, or None for poses and slender outlines."""
+    """Return the edges for Fourier transforms on grids; None for slender or placed outlines."""
     if isinstance(source, Aperture):
         outline = _outline_of(source, True)
         return grid_tables(outline, [1.0] * len(outline.edges))

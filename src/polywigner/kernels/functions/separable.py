@@ -34,7 +34,7 @@ _UNIT = np.finfo(np.float64).eps / 2
 
 
 def _rectangle_of(aperture: Aperture) -> tuple[Floats, float] | None:
-    """Return the corners of a rectangle, longer side first, and their largest allowed error.
+    """Return the corners of a rectangle, from its longer side on, and their largest allowed error.
 
     The result is None if the outline is not a rectangle.
     """

@@ -195,10 +195,10 @@ class SliceSum:
     ) -> Iterator[tuple[slice, WavePair, bool, Array, tuple[Any, ...]]]:
         """Yield the parts of edges of slices for each pair of waves, in blocks of positions, (K1).
 
-        The results are the slice of the ``step`` positions of a block, the pair of waves, whether
-        its terms are even, the index of the position of each part within the block, and the parts.
-        A part is a tuple (centre x, centre y, vector x, vector y, real weight, imaginary weight) in
-        the slice.
+        The results are a Python slice that selects the positions of a block (up to ``step``), the
+        pair of waves, a flag for even terms, the index of each part's position within the block,
+        and the parts. A part is a tuple (centre x, centre y, vector x, vector y, real weight,
+        imaginary weight) in the lag slice or position slice.
         """
         lists = tables.lists.get(self.pairings)
         if lists is None:
@@ -242,10 +242,10 @@ class SliceSum:
         """Return the parts of edges of the slices at all positions, for compiled code.
 
         The results are indices (n + 1,), a table (parts, 4 or 8), and whether all weights are real.
-        The parts of position k are the rows from index k to index k + 1. A row contains the centre
-        and the vector of a part if all weights are 1 or -1 and no frequency is shifted; a part with
-        a weight of -1 is then reversed. In all other cases, a row also contains the complex weight
-        and the frequency shift.
+        The parts of position k are the rows from ``indices[k]`` to ``indices[k + 1]`` - 1. If all
+        weights are 1 or -1 and no frequency is shifted, a row contains the centre and the vector of
+        a part, and parts with a weight of -1 are reversed. In all other cases, a row also contains
+        the complex weight and the frequency shift.
         """
         owners, rows, count = [np.empty(0, np.intp)], [np.empty((0, _ROW))], len(position[0])
         for _, pair, _, owner, (*geometry, real, imag) in self.parts(tables, position, count):

@@ -226,7 +226,7 @@ class Shadows:
             weight = self._transmission(group, at)
 
             def add_edge(number: Drjit, real: Drjit, imag: Drjit) -> Field:
-                """Add the change of the field that an edge causes, unless it is faint."""
+                """Add the change of the field that an edge causes, unless the change is faint."""
                 row = ops.gather(self._tables["edges"], number)
                 centre = tuple(m.Float(c) for c in self._centre)
                 detour, _, foot, excess = edge_waves.path_over(ops, centre, at, row[:3], row[3:6])
@@ -258,7 +258,7 @@ class Shadows:
         m, ops, count = self._m, self._ops, self._few_nodes
 
         def radiated(number: Drjit) -> tuple[Values, Values]:
-            """Return the wave of a radiating point, and its fraction that each node represents."""
+            """Return a radiating point's wave, and the fraction of it that each node represents."""
             row = ops.gather(self._tables["points"], number)
             ahead, turns = self._path(row, at)
             wave = equivalent_points.wave_ahead(ops, ahead, row[3:5], row[5:7], turns)
@@ -300,11 +300,11 @@ class Shadows:
         span = m.UInt32(row[10]), m.UInt32(row[11])
 
         def near(real: Drjit, imag: Drjit) -> Field:
-            """Add the changes, weighted by the waves of the nodes at the point."""
+            """Add the changes of the field, weighted by the nodes' waves at the point."""
             return self._summed(span, partial(self._change_at, wave_of), edge, at, (real, imag))
 
         def far(real: Drjit, imag: Drjit) -> Field:
-            """Add the changes, weighted by the waves of the nodes at the edge."""
+            """Add the changes of the field, weighted by the nodes' waves at the edge."""
             by_centre = edge.detour > row[17]
             last = m.UInt32(self._counts[0])
             ends = dr.select(by_centre, last, span[0]), dr.select(by_centre, last + 1, span[1])
@@ -366,7 +366,7 @@ class Shadows:
         dipole: Pair | None,
         blocked: Any,
     ) -> Pair:
-        """Return the change of a wave by an edge; see :func:`edge_waves.edge_change`."""
+        """Return the change of a wave due to an edge; see :func:`edge_waves.edge_change`."""
         when = self._when if dipole is None else self._when_jets
         how = {"when": when, "blocked": blocked}
         return edge_waves.edge_change(self._ops, rule, wave, dipole, *path, **how)[0]
@@ -388,7 +388,7 @@ class Shadows:
     def _boundary(
         self, node: Drjit, number: Drjit, edge: _Edge, at: Point
     ) -> tuple[tuple[Point, ...], Any]:
-        """Return node, point and ends of an edge, and the part of its wave that its face blocks.
+        """Return the node, the point and the ends of an edge, and the blocked part of its wave.
 
         ``node`` is the row of the node, and ``number`` is its index, which selects the ends of the
         edge. The blocked part is None if no face of the scene blocks boundary waves.
@@ -429,7 +429,7 @@ class Shadows:
             return (dr.select(hit, 1.0, hits),)
 
         def over(number: Drjit, detour: Drjit, share: Drjit) -> Field:
-            """Return the least detour and the largest transmission, including one more rim edge."""
+            """Update the least detour and the largest transmission with another rim edge."""
             row = ops.gather(rims, number)
             longer, passed = shadows.transmission_over(ops, group[:3], at, row[:3], row[3:6])
             return ops.minimum(longer, detour), ops.maximum(passed, share)
@@ -549,7 +549,7 @@ def cast_shadows(scene: mi.Scene) -> None:
 
 @contextmanager
 def scene_known(scene: mi.Scene) -> Iterator[None]:
-    """Pass the scene to receivers and obstacles to plugins with diffraction, in a ``with`` block.
+    """Pass the scene to receivers, and obstacles to plugins with diffraction, in a ``with`` block.
 
     The obstacles remain set after the block.
     """

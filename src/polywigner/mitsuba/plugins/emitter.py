@@ -286,8 +286,8 @@ class WignerEmitter(VariantPlugin):
     def direction_to(self, it: mi.Interaction3f, x: mi.Point2f) -> tuple[mi.Vector3f, Drjit]:
         """Return the unit vector from x to the point ``it`` of the scene, and their distance.
 
-        The vector is in the source's frame. ``x``, relative to the source's centre, and the
-        distance are in scene units.
+        The vector is in the source's frame. The position ``x`` is relative to the source's centre,
+        and all lengths are in scene units.
         """
         r = self.frame.to_local(it.p - self.frame.origin) - self.m.Vector3f(x.x, x.y, 0.0)
         distance = dr.norm(r)
@@ -328,8 +328,8 @@ def checked_parameters(
 ) -> SourceParameters:
     """Check the parameters of a source or receiver, from Mitsuba or from Python.
 
-    ``variant`` determines the default polarisation. It is None for entries that any variant may
-    load.
+    ``variant`` determines the default polarisation. The variant is None for entries that any
+    variant may load.
     """
     spec = read_parameters(values, plugin)
     ESTIMATORS[spec.estimator].check(spec)

@@ -63,8 +63,8 @@ def equivalent_point_field(
     """Return the half-widths of a source in wavelengths, and the field of its equivalent points.
 
     The field is a function ``field(ops, half, x, y, z)`` of the operations, the half-widths and a
-    position in wavelengths. It returns the real and imaginary parts, without the phase due to the
-    distance from the centre. The result is None if a sum over panels is faster.
+    position in wavelengths. This function returns the real and imaginary parts, without the phase
+    due to the distance from the centre. The result is None if a sum over panels is faster.
     """
 
     def pays(counts: Sequence[int]) -> bool:

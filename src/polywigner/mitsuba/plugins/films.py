@@ -103,8 +103,8 @@ _MOST_PER_PIXEL = 1 << 12
 def fineness(camera: mi.Sensor, samples: int) -> int:
     """Return the factor by which each side of a film is refined for ``samples`` per pixel.
 
-    The factor limits the number of samples per refined pixel. It is 1 for cameras, because only the
-    films of receivers can be refined.
+    The factor limits the number of samples per refined pixel. The factor is 1 for cameras, because
+    only the films of receivers can be refined.
     """
     doublings = math.ceil(math.log2(samples / _MOST_PER_PIXEL) / 2)
     return 2 ** max(doublings, 0) if hasattr(camera, "fineness") else 1
@@ -279,7 +279,7 @@ _ENDLESS = 2**32 - 1
 
 
 def depths_of(integrator: mi.Integrator) -> dict[str, int]:
-    """Return ``max_depth`` (-1 without limit) and ``rr_depth`` of an integrator by name.
+    """Return a dictionary of an integrator's ``max_depth`` (-1 for no limit) and ``rr_depth``.
 
     The integrator ``direct`` has no ``rr_depth``.
     """

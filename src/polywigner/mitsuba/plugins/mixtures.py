@@ -174,7 +174,8 @@ def norm_of(
     """Return the power of the unscaled field of a source in W, with |u|^2 in W/m^2.
 
     If ``normalise`` is "radiated", this power is the mean power radiated into the front hemisphere.
-    If it is "aperture", the power is the integral of |u|^2. Raises SceneError if the power is zero.
+    If ``normalise`` is "aperture", the power is the integral of |u|^2. Raises SceneError if the
+    power is zero.
     """
     if normalise == "aperture":
         return _energy(flat_source(source))

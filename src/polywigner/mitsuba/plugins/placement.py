@@ -207,7 +207,7 @@ class FacingParts:
 
 
 def facing_parts(emitter: PlacedSource, receiver: PlacedSource) -> FacingParts | None:
-    """Return the parts of two sources in front of each other's planes.
+    """Return the parts of two sources that lie in front of each other's planes.
 
     The result is None if one of the sources has no such part.
     """

@@ -181,7 +181,7 @@ def mueller_matrix(m: Any, entries: dict[tuple[int, int], Drjit]) -> Drjit:
 def axis_rotation(
     m: Any, direction: mi.Vector3f, frame: Frame, along: mi.Vector3f
 ) -> tuple[Drjit, Drjit]:
-    """Return the cosine and sine of twice the angle from Ludwig's to Mitsuba's first axis.
+    """Return cosine and sine of twice the angle from Ludwig's first axis to Mitsuba's first axis.
 
     The angle is positive towards Ludwig's second axis. ``direction`` is a unit vector in the frame
     of the source, and ``along`` the propagation direction in the scene.

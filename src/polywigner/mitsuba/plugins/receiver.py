@@ -88,8 +88,8 @@ def _spawn_offset(m: Any, point: mi.Point3f) -> Drjit:
 def direction_of(m: Any, angles: mi.Point2f) -> mi.Vector3f:
     """Convert the angles (alpha, psi) to a unit vector in the frame of the receiver.
 
-    alpha is the direction cosine along x, and psi the angle in rad about the x axis, zero along +z
-    and positive towards +y.
+    Here alpha is the direction cosine along x, and psi the angle in rad about the x axis, zero
+    along +z and positive towards +y.
     """
     rho = _root_of_positive(1.0 - angles.x * angles.x)
     sine, cosine = dr.sincos(angles.y)

@@ -148,7 +148,7 @@ def edge_tables(
 
 
 class _Edges(NamedTuple):
-    """Edges of one range of nodes."""
+    """Edges of silhouettes, as seen from one range of nodes."""
 
     ends: Floats
     """Ends (m, v, 6) seen from v nodes."""
@@ -205,8 +205,8 @@ def _edges_by_nodes(
 ) -> Iterator[tuple[_Edges, Indices]]:
     """Yield the edges common to all silhouettes, then the remaining edges of each silhouette.
 
-    The second item contains the group of each edge. A mesh edge is common if all silhouettes
-    contain the same number of its pieces per face.
+    The second item of each pair contains the groups of the edges. A mesh edge is common if all
+    silhouettes contain the same number of its pieces per face.
     """
     count = len(silhouettes)
     view, ends, planes, labels = _joined(silhouettes, groups)
@@ -231,7 +231,7 @@ def _edges_by_nodes(
     ends = ends.reshape(-1, 6)
 
     def edges(rows: Indices, seen: Floats, span: tuple[int, int]) -> tuple[_Edges, Indices]:
-        """Return the edges with indices ``rows``, seen from a span of nodes, and their groups."""
+        """Return the edges with indices ``rows`` for a span of nodes, and the edges' groups."""
         return _Edges(seen, lines[rows], pieces_behind[rows], planes[rows], span), group[rows]
 
     yield edges(rows[:, 0], ends[rows][:, seen_by], (0, len(nodes.positions)))
@@ -243,7 +243,7 @@ def _edges_by_nodes(
 def _joined(
     silhouettes: Sequence[Silhouette], groups: Sequence[Indices]
 ) -> tuple[Indices, Floats, Floats, Indices]:
-    """Join adjacent pieces of mesh edges in front of the same face, and drop edges without length.
+    """Join adjacent pieces of mesh edges in front of the same face, and drop edges of zero length.
 
     Returns indices of silhouettes (m,), ends (m, 2, 3), planes (m, 4), and labels (m, 5): mesh
     edge, body, direction along _AXIS, face behind the edge, and group.
@@ -275,7 +275,7 @@ def _positions_along(ends: Floats, side: int) -> Floats:
 
 
 def _hulls(ends: Floats, labels: Indices) -> Floats:
-    """For each edge (m, 2, 3), return the ends (m, 6) of the union of all edges with this label."""
+    """Return, for each edge (m, 2, 3), the ends (m, 6) of the union of all edges with its label."""
     _, label = np.unique(labels, axis=0, return_inverse=True)
     label = label.ravel()
     corners = []

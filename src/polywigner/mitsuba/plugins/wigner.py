@@ -103,7 +103,7 @@ def _uniform(word: Drjit) -> Drjit:
 
 
 class _Term(NamedTuple):
-    """Term of the radiance, an obliquity factor h times a Wigner function W."""
+    """Term of the radiance: an obliquity factor h times a Wigner function W."""
 
     source: SceneSource
     forms: Forms
@@ -236,10 +236,10 @@ class WignerEstimator:
             )
 
     def irradiance(self, light: WignerEmitter, it: mi.Interaction3f, x: mi.Point2f) -> Drjit:
-        """Return L cos/r^2 from the position ``x``, divided by the density of positions, in W/m^2.
+        """Return L cos/r^2 for the position ``x``, divided by the density of positions, in W/m^2.
 
-        The factor cos is the cosine of the emission angle at the source. The cosine of incidence
-        and obstacles are not included.
+        Here L is the radiance, r is the distance, and cos is the cosine of the emission angle at
+        the source. The cosine of incidence and obstacles are not included.
         """
         direction, distance = light.direction_to(it, x)
         value = light.radiance(x, direction, light.wave(x, it.p)) * direction.z
@@ -250,8 +250,8 @@ class WignerEstimator:
     ) -> Drjit:
         """Return the weight in m^2 of a ray that leaves a receiver at ``x``, in its frame.
 
-        The weight is h W cos/N over the density of positions, with the obliquity factor h, the
-        Wigner function W and the norm N. ``point`` and ``distance`` are not used.
+        The weight is h W cos/N, divided by the density of positions, with the obliquity factor h,
+        the Wigner function W and the norm N. ``point`` and ``distance`` are not used.
         """
         wave = self._radiance.waves.wave(self._inverse, x, direction)
         return self._scale * self._radiance.at(x, direction, wave) * direction.z / self.density

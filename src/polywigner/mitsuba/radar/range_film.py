@@ -164,7 +164,8 @@ def sorted_by_range(
     """Render power or radiance by path length, shape (height, width, bins + 2).
 
     The first and last values belong to paths shorter and longer than all bins. ``edges`` are path
-    lengths (twice the range) in scene units. A receiver has a single pixel, with power in W.
+    lengths (twice the range) in scene units. The result of a receiver has a single pixel, which
+    contains powers in W.
     """
     width, height = sensor.film().crop_size()
     passes = math.ceil(spp / max(1, WAVEFRONT // (int(width) * int(height))))
