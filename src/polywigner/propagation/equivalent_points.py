@@ -76,7 +76,7 @@ def equivalent_grid(
 
     Nodes are added until the error of the squared far field within ``sines`` is at most ``error``
     times its peak. Returns None if ``allowed`` rejects the numbers of nodes, if the largest number
-    is not enough, or if the source has no far field.
+    of nodes is not sufficient, or if the source has no far field.
     """
     half = (radiator.high - radiator.low) / (2 * wavelength)
     centres, widths = np.mean(sines, axis=1), np.ptp(sines, axis=1) / 2
@@ -239,7 +239,7 @@ class RadiatingPoint(NamedTuple):
 
     @property
     def weights(self) -> list[tuple[float, float]]:
-        """Real and imaginary parts of both weights."""
+        """Real and imaginary parts of the weights of the field and of its normal derivative."""
         return [(self.field.real, self.field.imag), (self.slope.real, self.slope.imag)]
 
     @property

@@ -114,7 +114,7 @@ def zernike_gradients(orders: Sequence[Order], x: Floats, y: Floats) -> Floats:
 
 
 def _complex_polynomials(highest: int, x: Floats, y: Floats) -> dict[Order, Complex]:
-    """Return the complex Zernike polynomials V_n^m at points, by (n, m).
+    """Return the complex Zernike polynomials V_n^m at points, with (n, m) as keys.
 
     The table contains m >= 0 and n up to ``highest``.
     """
@@ -222,7 +222,7 @@ class FunctionMode:
     def values(self, x: Floats, y: Floats) -> Floats:
         """Return the values of the path function in m at positions in m, as a single row.
 
-        Raises ArgumentError unless the function returns a finite number, or one per position.
+        Raises ArgumentError unless the function returns one finite number, or one per position.
         """
         path = np.asarray(self.path(x, y), np.float64)
         if path.shape not in ((), np.shape(x)) or not np.isfinite(path).all():
@@ -296,7 +296,7 @@ class Aberration(Immutable):
 
     @property
     def _key(self) -> int:
-        """Value by which aberrations are compared: only equal for the same object."""
+        """Value by which aberrations are compared, which is equal only for the same object."""
         # Path functions cannot be compared, so each aberration equals only itself.
         return id(self)
 
@@ -523,7 +523,7 @@ def _indexing_of(name: Any) -> Indexing:
 
 
 def _checked_indices(indices: Collection[Any], indexing: str) -> list[int]:
-    """Return indices of Zernike polynomials as integers; raise ArgumentError for invalid ones."""
+    """Return indices of Zernike polynomials as integers; raise ArgumentError for other values."""
     order, first, _ = _indexing_of(indexing)
     for index in indices:
         is_index = isinstance(index, int | np.integer) and not isinstance(index, bool)

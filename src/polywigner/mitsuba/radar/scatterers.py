@@ -50,7 +50,7 @@ _WAVEFRONT = 2**17
 def _selected_events(
     events: Events, count: int, rng: np.random.Generator, for_elements: bool
 ) -> tuple[Events, float]:
-    """Select at most ``count`` events at random, with unbiased sums of powers and intensities.
+    """Select up to ``count`` random events so that sums of powers and intensities are unbiased.
 
     Return the events, and the standard error of their total power in W due to the selection. The
     probabilities are proportional to the power. With ``for_elements``, the probabilities are
@@ -141,7 +141,7 @@ def _probabilities(measure: Floats, count: int) -> Floats:
 
 
 def _thinning_error(power: Floats, probabilities: Floats) -> float:
-    """Return the standard error due to random selection in W, by Hajek's approximation."""
+    """Return the standard error in W due to random selection, by Hajek's approximation."""
     missing = 1.0 - probabilities
     if not missing.any():
         return 0.0
@@ -346,7 +346,7 @@ def checked_velocities(velocities: Mapping[str, ArrayLike]) -> dict[str, Floats]
 
 
 def _depth_of(integrator: Any) -> int:
-    """Return the maximum path depth of a scene's integrator, or 2^20 without a limit."""
+    """Return the maximum path depth of a scene's integrator, or 2^20 if it has no limit."""
     depth = -1 if integrator is None else depths_of(integrator)["max_depth"]
     return depth if 0 < depth < _NO_LIMIT else _NO_LIMIT
 
