@@ -157,7 +157,7 @@ class SteppedFrequency(FMCW):
 
 
 class Pulse(FMCW):
-    """Pulses with a flat spectrum, after matched filtering.
+    """Pulses with a flat spectrum, as received after matched filtering.
 
     All parameters of :class:`FMCW` apply: ``start`` and ``bandwidth`` specify the spectrum, and
     ``sample_rate`` must equal ``bandwidth``. Sample n is received at the time ``n / bandwidth``
@@ -259,7 +259,7 @@ def waveform_attrs(waveform: FMCW) -> dict[str, Any]:
 
 
 def waveform_of(cube: Any) -> FMCW:
-    """Return a new waveform from the attributes of a data cube, or raise ArgumentError."""
+    """Create a waveform from the attributes of a data cube; raise ArgumentError if this fails."""
     try:
         names = [field.name for field in fields(FMCW)]
         if tuple(cube["signal"].dims) == CUBE_DIMS:

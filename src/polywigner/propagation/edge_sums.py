@@ -202,7 +202,7 @@ class EdgeSum:
         return change, free
 
     def _shadow(self, k: int, targets: Targets) -> Floats:
-        """Return -1 at points (n,) in the shadow of the near node k, 0 at other points."""
+        """Return -1 at points (n,) in the shadow of the near node k, and 0 at other points."""
         by_angles, origin = targets.by_angles, self.origins[k]
         shadow = np.zeros(len(by_angles))
         edges = self.edges[self.sees[k]].reshape(-1, 6)
@@ -371,7 +371,7 @@ def _far_wave(width: int, ops: Any, row: Point, point: Point, shared: Point) -> 
     """Return the wave of one edge sample, summed over several nodes (SB8).
 
     The results are the real and the imaginary part of the wave. ``width`` is the number of values
-    for each node, which are its direction, wave, and optionally dipole. ``shared`` contains the
+    for each node: its direction, its wave, and optionally its dipole. ``shared`` contains the
     smallest detour of far edges, and the centre of the source.
     """
     at, tangent, start, end = (row[k : k + 3] for k in (0, 3, 6, 9))

@@ -104,7 +104,7 @@ def equivalent_grid(
 
 
 def _numbers_of_nodes(cycles: float, error: float) -> list[int]:
-    """Return ascending numbers of Gauss nodes to try, for ``cycles`` of phase along half a side."""
+    """Return ascending numbers of Gauss nodes to try, for ``cycles`` cycles along half a side."""
     # The last numbers of nodes resolve any field on the source.
     uniform = math.ceil(3.0 * cycles) + math.ceil(-0.7 * math.log10(error) * cycles ** (1 / 3)) + 1
     numbers = [uniform + more for more in _MORE_OF_UNIFORM]
@@ -205,7 +205,8 @@ def sines_towards(low: Floats, high: Floats, boxes: Floats) -> Sines:
 def spherical_wave(ops: Any, ahead: Point, cycles: Any = None) -> Pair:
     """Return the spherical wave ``exp(2 pi i R)/(i R)``, where R is the length of ``ahead``.
 
-    Lengths are in wavelengths. ``cycles`` replaces R in the phase if it is known more accurately.
+    Lengths are in wavelengths. ``cycles`` replaces R in the phase if the number of cycles is known
+    more accurately than R.
     """
     distance = ops.sqrt(sum(a * a for a in ahead))
     c, s = cos_sin_cycles(ops, distance if cycles is None else cycles)

@@ -180,7 +180,7 @@ def _read(
 def _at_frequency(
     tables: list[FarFieldTable], frequency: float | None, tolerance: float
 ) -> FarFieldTable:
-    """Return the far field nearest to a frequency in Hz, or the only one for None.
+    """Return the far field nearest to a frequency in Hz, or for None the only far field.
 
     A table without a frequency is returned with this frequency. Raises FileFormatError if the
     relative difference exceeds ``tolerance``.

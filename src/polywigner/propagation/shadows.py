@@ -557,8 +557,8 @@ def _blocker(
     """Return the surface of bodies behind a plane, seen from the midpoint of an edge.
 
     ``numbers`` and ``flush`` are indices of bodies. The adjoining bodies in ``flush`` continue the
-    plane, and slits between them are closed. ``plane`` (4,) contains the unit normal and the
-    offset.
+    plane, and slits between these bodies are closed. ``plane`` (4,) contains the unit normal and
+    the offset.
     """
     if len(flush):
         nearer = plane - [0.0, 0.0, 0.0, bodies.contact]

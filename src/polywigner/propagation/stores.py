@@ -119,10 +119,10 @@ def results_on_grid(
 ) -> xarray.Dataset:
     """Return a dataset: by default in memory, lazy with ``chunks``, or stored with ``out``.
 
-    ``options`` contains StoreOptions and ``out``. ``block_size`` and ``chunk_size`` limit the
-    samples of a block in memory and of a stored chunk. If ``compiled`` is true, all threads work on
-    the same chunk. Otherwise, each thread computes a separate chunk. Raises ArgumentError,
-    StoreError, EngineError or MissingExtraError.
+    ``options`` contains StoreOptions and ``out``. ``block_size`` limits the number of samples of a
+    block in memory, and ``chunk_size`` the number of samples of a stored chunk. If ``compiled`` is
+    true, all threads work on the same chunk. Otherwise, each thread computes a separate chunk.
+    Raises ArgumentError, StoreError, EngineError or MissingExtraError.
     """
     from polywigner import __version__
 

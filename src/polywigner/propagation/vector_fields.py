@@ -240,7 +240,7 @@ def _near_field(
     errors, limits = np.zeros((2, len(points)))
 
     def integral(method: str, factor: Any) -> Complex:
-        """Return the integral Phi of (VP1) for SECOND, otherwise dPhi/dz/(ik), at all points.
+        """Return Phi of (VP1) at all points if ``method`` is SECOND, otherwise dPhi/dz/(ik).
 
         ``factor`` is a function of the direction cosines (m, 2) of the plane waves, and returns the
         factor of each wave.

@@ -211,7 +211,7 @@ def _root_of_ratio(numerator: Floats, divisor: Floats, limit: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Cone:
-    """Cone of ray directions, which may be concentrated in a narrower beam."""
+    """Cone of ray directions; the directions may be concentrated in a narrower beam."""
 
     frame: Floats
     """Rotation matrix with the axis in its last column, shape (3, 3)."""

@@ -45,7 +45,7 @@ _MOST_CACHED = 256
 
 
 class Cells:
-    """A source divided into a tree of cells; a cell is the part of the source in a rectangle.
+    """A source divided into a tree of cells; a cell is the part of the source inside a rectangle.
 
     Cell 0 is the entire source. Other cells are created on demand. Positions are in wavelengths
     from the centre of the bounding box.

@@ -106,19 +106,20 @@ def coupling(
     """Return the complex coupling of two sources.
 
     The squared modulus |b|^2 of the coupling is the ratio of received to transmitted power. The
-    transmitted power is the power that the transmitter radiates, so at large distances |b|^2 is
-    given by Friis' formula with directivities. The coupling b is the overlap of the transmitter's
-    field with the field that the receiver would transmit, without a complex conjugate, so it is the
-    same in both directions (docs/links.md, (RX1) to (RX3)):
+    transmitted power is the power that the transmitter radiates. At large distances, |b|^2 is
+    therefore given by Friis' formula with directivities. The coupling b is the overlap, without a
+    complex conjugate, of the transmitter's field with the field that the receiver would transmit.
+    It is therefore unchanged if transmitter and receiver are exchanged (docs/links.md, (RX1) to
+    (RX3)):
 
         b = 1/sqrt(N_t N_r) int int u_t(x) K(x, y) u_r(y) dx dy,   N = int g |F|^2 dOmega/lambda^2
 
-    Here u_t and u_r are the source fields, F is the Fourier transform of u_t or u_r, g is the
-    obliquity factor, and R is the distance between the points x and y. For "rayleigh-sommerfeld-2"
-    the kernel K is exp(ikR)/(i wavelength R). For "rayleigh-sommerfeld-1" K is multiplied by the
-    cosines at both ends, and for "kirchhoff" by (1 + cosine)/2 at each end; both include near-field
-    terms. The computing time increases at short distances, where the sources are divided into more
-    cells.
+    Here u_t and u_r are the source fields, and F is the Fourier transform of u_t or u_r. The
+    obliquity factor is g, and R is the distance between the points x and y. For
+    "rayleigh-sommerfeld-2" the kernel K is exp(ikR)/(i wavelength R). For "rayleigh-sommerfeld-1" K
+    is multiplied by the cosines at both ends, and for "kirchhoff" by (1 + cosine)/2 at each end.
+    Both kernels include near-field terms. The computing time increases at short distances, where
+    the sources are divided into more cells.
 
     Parameters
     ----------

@@ -104,7 +104,7 @@ def rcs(
     The current on an illuminated face is 2 n x H, as on an infinite plane with the normal n in the
     incident magnetic field H. The scattered field of each face is the exact Fourier transform of
     its polygon, equation (SC1). The parts of faces that transmitter and receiver see are computed
-    as exact polygons. Physical optics is valid near specular directions, for faces of several
+    as exact polygons. Physical optics is valid near specular directions, both for faces of several
     wavelengths or more and for fine meshes of smooth bodies. Edge diffraction is not included.
 
     Array arguments broadcast against each other.

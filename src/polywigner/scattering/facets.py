@@ -435,8 +435,8 @@ def illuminates_itself(facets: Facets, travelling: Floats) -> bool:
 def _reflects_to_another(facets: Facets, k: Floats, rays: Indices, count: int) -> bool:
     """Return whether any of the rays with the indices ``rays`` is reflected to another face.
 
-    There are ``count`` rays along ``k`` in total. Faces that are parallel within 30 degrees reflect
-    forwards and count as one face.
+    There are ``count`` rays along ``k`` in total. Faces that are parallel to within 30 degrees
+    reflect waves forwards, and count as one face.
     """
     signs = facing(facets, k)
     if not signs.any():

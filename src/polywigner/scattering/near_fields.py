@@ -245,9 +245,9 @@ def checked_poses(name: str, positions: ArrayLike, centre: Floats) -> Floats:
     """Return poses (..., 4, 4) from the frame at the body's centre to the source's frame.
 
     ``positions``: rigid poses (..., 4, 4) from the body's frame, or vectors (..., 3) from the
-    centre to a source that faces it with its y axis upwards. ``centre`` (3,): centre in the body's
-    frame in m. Raises ArgumentError for other shapes and zero vectors, and GeometryError for other
-    poses.
+    body's centre to a source that faces the centre with its y axis upwards. ``centre`` (3,): centre
+    in the body's frame in m. Raises ArgumentError for other shapes and zero vectors, and
+    GeometryError for other poses.
     """
     expected = (
         f"with a source, expected {name} to be vectors (..., 3) in m from the body's centre to the "
@@ -337,11 +337,11 @@ def near_sums(
 ) -> Complex:
     """Return ratios b of received to transmitted amplitude, equation (SC3).
 
-    ``polarisations``: vectors (..., 3) of receiver and transmitter, which broadcast and are normal
-    to the directions from the body's centre. The result has the shape (...). At points other than
-    the body's centre, the vectors are projected. For polarised antennas, only the shapes of the
-    vectors are used. If both antennas are the same object, its fields are computed once. The result
-    is NaN, with a warning, if the illuminated polygons cannot be computed.
+    ``polarisations``: vectors (..., 3) of receiver and transmitter. The vectors broadcast, and are
+    normal to the directions from the body's centre. The result has the shape (...). At points other
+    than the body's centre, the vectors are projected. For polarised antennas, only the shapes of
+    the vectors are used. If both antennas are the same object, its fields are computed once. The
+    result is NaN, with a warning, if the illuminated polygons cannot be computed.
     """
     try:
         lit = _illuminated(facets, transmitter, receiver)

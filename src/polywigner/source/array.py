@@ -473,7 +473,7 @@ def segmented_pupil(
     piston: ArrayLike = 0.0,
     tilt: ArrayLike = 0.0,
 ) -> Array:
-    """Return a pupil of segments with pistons and tilts.
+    """Return a pupil that consists of segments with pistons and tilts.
 
     The field of segment k, with its centroid c_k, is multiplied by
     exp(2 pi i (piston_k + tilt_k.(x - c_k))/wavelength).

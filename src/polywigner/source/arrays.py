@@ -235,8 +235,9 @@ def virtual_array(
     """Return positions and weights of the virtual array of a transmitter and a receiver.
 
     Far from a radar, the path from transmitting element j to receiving element k is equivalent to
-    one element at x_j + y_k with the weight v_j w_k: the array factor is the product of the two
-    array factors. Elements at equal positions are merged, and their weights are added.
+    one element at x_j + y_k with the weight v_j w_k. The array factor is therefore the product of
+    the array factors of transmitter and receiver. Elements at equal positions are merged, and their
+    weights are added.
 
     Parameters
     ----------

@@ -53,7 +53,7 @@ def checked_polarisation(polarisation: Any, source: Any = None) -> Complex:
     """Return the unit Jones vector (2,) along x and y, or one per element of an array, (n, 2).
 
     Accepts "x", "y", "right", "left", a slant from x towards y such as "45 deg", a complex Jones
-    vector of any length, and for an `Array` of n elements a list with one of these for each
+    vector of any length, and for an `Array` of n elements a list with one polarisation for each
     element. Raises ArgumentError for other values.
 
     Examples
@@ -198,8 +198,9 @@ def ludwig_axes(x: Any, y: Any, z: Any) -> tuple[tuple[Any, Any, Any], tuple[Any
     """Return unit vectors, in the direction (x, y, z), z >= 0, of fields along x and along y.
 
     The arguments are floats or arrays of any engine. The vectors are q - (q.s)(z + s)/(1 + z.s) for
-    q = x and q = y: the axes rotate with z into the direction s by the smallest angle. With
-    Kirchhoff's condition, the product with a scalar far field is the field of a Huygens source.
+    q = x and q = y. They follow from x and y by the smallest rotation that turns z into the
+    direction s. With Kirchhoff's condition, the product with a scalar far field is the field of a
+    Huygens source.
 
     References
     ----------

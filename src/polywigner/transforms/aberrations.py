@@ -246,12 +246,12 @@ class Aberration(Immutable):
     """An aberration of a pupil, as a path length W(x, y) in metres.
 
     The field in the pupil is multiplied by exp(+2 pi i W/lambda). Waves are exp(+i k R) with the
-    time factor exp(-i omega t), so a positive W is a longer path and delays the wavefront, like a
-    positive ``piston`` of :func:`segmented_pupil`. The coordinates x and y are distances from the
-    optical axis in m. The axes of the image are parallel to the axes of the pupil: the path length
-    W = t x shifts the spot by t times the focal length along +x. W is the same at all wavelengths.
-    Aberrations can be added with ``+`` and multiplied by numbers. :func:`zernike` returns the usual
-    aberrations.
+    time factor exp(-i omega t). A positive W is therefore a longer path and delays the wavefront,
+    like a positive ``piston`` of :func:`segmented_pupil`. The coordinates x and y are distances
+    from the optical axis in m. The axes of the image are parallel to the axes of the pupil: the
+    path length W = t x shifts the spot by t times the focal length along +x. W is the same at all
+    wavelengths. Aberrations can be added with ``+`` and multiplied by numbers. :func:`zernike`
+    returns the usual aberrations.
 
     Parameters
     ----------

@@ -116,9 +116,10 @@ def compute(
 ) -> Values:
     """Return a public transform of a source at NumPy points or Dr.Jit points.
 
-    ``points``: arguments of the transform by name. The Fourier transform of arrays and of sources
-    with several waves is computed by :func:`polywigner.fourier`. ``through`` and ``wavelength`` [m]
-    must be specified together. The points are then points behind the optical system.
+    ``points``: arguments of the transform, with their names as keys. The Fourier transform of
+    arrays and of sources with several waves is computed by :func:`polywigner.fourier`. ``through``
+    and ``wavelength`` [m] must be specified together. The points are then points behind the optical
+    system.
     """
     how, restored = (precision, engine), None
     is_differentiable = isinstance(source, Differentiable)

@@ -202,8 +202,9 @@ def mtf(
 ) -> NDArray[np.float64]:
     """Compute the modulation transfer function (MTF) of a lens in its focal plane.
 
-    The MTF is the modulus of :func:`otf`, at the lag wavelength times focal length times frequency.
-    For several wavelengths the result is the modulus of the mean OTF, as measured by a detector.
+    The MTF is the modulus of :func:`otf` at a lag that is the product of wavelength, focal length
+    and frequency. For several wavelengths, the result is the modulus of the mean OTF, which a
+    detector measures.
 
     Parameters
     ----------

@@ -282,8 +282,8 @@ def mutual_spectra(
 ) -> Complex:
     """Return the Fourier transforms of overlaps at (nu, 0), summed over all pairs of waves.
 
-    The result has one row for each row of ``regions``. ``points`` contains the coordinates of each
-    row that multiply the rates of ``pairing``.
+    The result has one row for each row of ``regions``. For each row, ``points`` contains the
+    coordinates by which the rates of ``pairing`` are multiplied.
     """
     if field.is_uniform:
         return _overlap_spectra(regions, nu)

@@ -263,7 +263,7 @@ def _power_variables(by_light: Floats, direct: Floats) -> Variables:
 
 
 def _noise_variables(powers: list[ReceivedPower]) -> Variables:
-    """Return the noise power and the range resolution of each receiver as variables."""
+    """Return the noise power and the range resolution of each receiver as dataset variables."""
     bands = [power.bandwidth for power in powers]
     noise = [power.noise_power for power in powers]
     resolution = [None if b is None else SPEED_OF_LIGHT / (2 * b) for b in bands]

@@ -380,7 +380,7 @@ def _dataset_of(
 
 
 def _ids(names: dict[int, str], numbers: NDArray[np.int64]) -> NDArray[np.str_]:
-    """Return the ids of objects with registry numbers; unknown numbers have empty ids."""
+    """Return the ids of objects with the given registry numbers; unknown numbers have empty ids."""
     unique, inverse = np.unique(numbers, return_inverse=True)
     texts = np.array([names.get(int(n), "") for n in unique] or [""], np.str_)
     return np.asarray(texts[inverse.reshape(numbers.shape)])

@@ -303,7 +303,7 @@ def described(
     coords: Mapping[str, Any],
     about: Mapping[str, Any],
 ) -> xarray.Dataset:
-    """Create a dataset; its attributes are ``about`` and the version of this package."""
+    """Create a dataset with the attributes ``about`` and the version of this package."""
     from polywigner import __version__
 
     return labelled_arrays(

@@ -277,7 +277,7 @@ def _host_array(value: Drjit, count: int) -> NDArray[Any]:
 
 
 def _velocities_of(table: dict[int, Floats], numbers: NDArray[np.int64]) -> Floats:
-    """Return the velocities (n, 3) of objects by registry number; unknown objects do not move."""
+    """Return the velocities (n, 3) of objects by registry number, or zero for unknown numbers."""
     result = np.zeros((len(numbers), 3))
     for number, velocity in table.items():
         result[numbers == number] = velocity

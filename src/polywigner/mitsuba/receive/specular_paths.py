@@ -112,7 +112,7 @@ def _rays_between(
 
 
 def points_by(start: Floats, end: Floats, chain: Sequence[Mirror]) -> list[Floats]:
-    """Return the points of specular rays via the planes of mirrors, in m.
+    """Return the points, in m, of specular rays via the planes of mirrors.
 
     ``start`` and ``end`` are points (n, 3). The order of the result is: end, mirrors in reverse
     order, start. Rays that miss a plane are omitted.
