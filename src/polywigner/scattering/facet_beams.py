@@ -109,7 +109,7 @@ def sums_of_beams(
 
 
 def _mark_failures(sums: Complex, failures: list[tuple[Indices, Exception]]) -> None:
-    """Set failed samples to NaN with a warning; raise an error if all samples exceed a limit."""
+    """Set failed samples to NaN with a warning; raise the error if all samples exceed a limit."""
     if not failures:
         return
     rows, error = np.concatenate([rows for rows, _ in failures]), failures[-1][1]

@@ -153,9 +153,9 @@ def _tilted(element: _E, kappa: NDArray[np.float64]) -> _E:
 class Array(TakesWaves):
     """A coherent array of elements with complex weights: the field is u(x) = sum_k w_k 1_k(x).
 
-    Elements may touch, overlap or coincide, in which case their fields add up: `Array([a, a], [1,
-    -1])` has no field. All arrays have a Fourier transform. The Wigner and ambiguity functions
-    require slits or elements in the plane z = 0.
+    Elements may touch, overlap or coincide. The fields of overlapping elements add up, so
+    `Array([a, a], [1, -1])` has no field. All arrays have a Fourier transform. The Wigner and
+    ambiguity functions require slits or elements in the plane z = 0.
 
     Parameters
     ----------

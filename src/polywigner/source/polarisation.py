@@ -195,7 +195,7 @@ def stokes_fields(source: Any, polarisation: Complex) -> list[tuple[Any, Stokes]
 
 
 def ludwig_axes(x: Any, y: Any, z: Any) -> tuple[tuple[Any, Any, Any], tuple[Any, Any, Any]]:
-    """Return unit vectors, in the direction (x, y, z), z >= 0, of fields along x and along y.
+    """Return unit vectors of fields along x and y that radiate in the direction (x, y, z), z >= 0.
 
     The arguments are floats or arrays of any engine. The vectors are q - (q.s)(z + s)/(1 + z.s) for
     q = x and q = y. They follow from x and y by the smallest rotation that turns z into the

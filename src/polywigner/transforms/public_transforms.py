@@ -261,7 +261,7 @@ def autocorrelation(
     """Compute the autocorrelation of the field on a source.
 
     The autocorrelation is R(x, xi) = u(x + xi/2) conj(u(x - xi/2)), where u is the field, as in the
-    paper's eq. (auto_lag). The left and lower sides of its boundary belong to the source, and the
+    paper's eq. (auto_lag). The left and lower sides of the boundary belong to the source, and the
     right and upper sides do not.
 
     Parameters
