@@ -55,7 +55,7 @@ sphinx_gallery_conf = {
     "filename_pattern": LESSONS,
     "within_subsection_order": "FileNameSortKey",
     "reference_url": {"polywigner": None},
-    "image_srcset": ["2x"],
+    "image_scrapers": ["figures.scrape"],
     "write_computation_times": False,
     "download_all_examples": False,
     "min_reported_time": 3600,

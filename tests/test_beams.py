@@ -126,6 +126,10 @@ def test_what_the_cut_does_not_reach_is_not_a_number():
         (lambda p: pw.beam_metrics(p, efficiency=1.5), "efficiency"),
         (lambda p: pw.beam_metrics(p.isel(theta=slice(0, 2))), "three"),
         (lambda p: pw.beam_metrics(p.where(p.theta > 0.2)), "NaN"),
+        # Degrees instead of radians select no angle.
+        (lambda p: pw.beam_metrics(p.sel(theta=slice(10, 30))), "no angles"),
+        (lambda p: pw.write_pattern(p.isel(phi=slice(0, 0)), "a.cut"), "no angles"),
+        (lambda p: draw_pattern(p, metrics=True), "metrics"),  # type: ignore[arg-type]
         (lambda p: pw.write_pattern(p, None), "path"),  # type: ignore[arg-type]
         (lambda p: draw_pattern(p, cuts="x"), "cuts"),  # type: ignore[arg-type]
         (lambda p: draw_pattern(p, cuts=[]), "cuts"),

@@ -152,6 +152,7 @@ BAD: dict[str, str] = {
         --line "{many}" => two points
         --plane "-3 mm to 3 mm, 0 mm, 9 mm" => --plane | two ranges
         --plane "3 mm to -3 mm, -3 mm to 3 mm, 9 mm" => ascending
+        --plane "-3 mm to 3 mm, 0 mm, 2 mm to 9 mm" --samples "99999 x 99999" => polywigner volume
         --arc far => --arc | length | far
         --arc "50 mm, 0 deg, 90 deg" => --arc | between 0 and 90 deg
         --hemisphere "0 mm" => --hemisphere | above zero
@@ -242,6 +243,7 @@ BAD: dict[str, str] = {
         {WAVEFORM} --velocity "car 3" => VX, VY, VZ
         {WAVEFORM} --velocity "moon = 1, 0, 0" --points 9 => moon
         {WAVEFORM} --window none --points 9 => window
+        {WAVEFORM} --velocity "car = 1, 0, 0" --velocity "car = 1, 0, 0" => got several
         {WAVEFORM} --velocity "car = 4e8, 0, 0" => speed below
     """,
     "radar": f"absent.xml {WAVEFORM} => absent.xml",

@@ -49,6 +49,13 @@ PLACES = {
 }
 
 
+@pytest.mark.usefixtures("unrendered_figures")
+def test_a_warning_that_several_functions_issue_is_shown_once(square, tmp_path, capsys):
+    options = "--wavelength", "1 km", "--arc", "50 mm", "--out", str(tmp_path / "a")
+    assert main(["propagate", str(square), *options]) == 0
+    assert capsys.readouterr().err.count("implausible wavelength") == 1
+
+
 @pytest.mark.parametrize("place", PLACES)
 @pytest.mark.usefixtures("unrendered_figures")
 def test_the_values_are_those_of_irradiance_at_the_places(place, square, capfd):

@@ -143,7 +143,7 @@ WALL = rectangle(
 )
 
 
-@pytest.mark.usefixtures("coarse_map")
+@pytest.mark.usefixtures("unrendered_figures", "coarse_map")
 def test_a_channel_is_written_with_its_ways_and_drawn(tmp_path: Path) -> None:
     xarray = pytest.importorskip("xarray")
     path = scene_file(tmp_path, WALL)

@@ -44,6 +44,8 @@ def test_the_python_of_a_page_runs(page, tmp_path, imported):
     print(script, file=imported.stdin, flush=True)
     done = imported.stdout.readline()
     assert done == "0\n", (tmp_path / "error").read_text(encoding="utf-8")
+    if page == PAGES[0]:
+        assert (tmp_path / "wigner.png").read_bytes().startswith(b"\x89PNG")
 
 
 # A process that has imported the libraries of all pages forks a child for each script. Only the
@@ -100,13 +102,10 @@ def run_script(script, folder, *arguments):
     return run.stdout
 
 
-def test_the_readme_reaches_its_first_picture_in_five_lines(tmp_path):
+def test_the_readme_saves_its_first_picture_in_five_lines():
     block = BLOCK.findall((ROOT / "README.md").read_text(encoding="utf-8"))[0]
     assert len([line for line in block.splitlines() if line.strip()]) == 5
-    script = tmp_path / "five.py"
-    script.write_text(block, encoding="utf-8")
-    run_script(script, tmp_path)
-    assert (tmp_path / "wigner.png").read_bytes().startswith(b"\x89PNG")
+    assert "wigner.png" in block
 
 
 @pytest.mark.parametrize("scene", SCENES, ids=by_folder)

@@ -145,6 +145,16 @@ def test_theta_of_both_signs_covers_the_sphere(tmp_path: Path, thetas: Any, phis
 
 
 @pytest.mark.parametrize(
+    ("thetas", "phis"),
+    [(THETA, np.array([0.0, 180.0])), (np.array([0.0, 180.0]), PHI)],
+)
+def test_a_single_cut_through_the_sphere_is_refused(tmp_path: Path, thetas: Any, phis: Any) -> None:
+    """Two half planes sample the full circle evenly, but do not determine the power."""
+    with pytest.raises(FileFormatError, match="at least three theta angles, and four"):
+        pw.read_pattern(_cst(tmp_path / "a.txt", "E", "V/m", thetas=thetas, phis=phis))
+
+
+@pytest.mark.parametrize(
     ("change", "words"),
     [
         (("[V/m   ]", "[furlong]"), "furlong"),

@@ -36,6 +36,12 @@ def arrivals(power, direct=(), **options):
     return figure.axes[0]
 
 
+@pytest.mark.parametrize("direct", [-40.0, [(0.1, 0.2)]])
+def test_direct_paths_of_another_type_are_refused(direct):
+    with pytest.raises(ArgumentError, match="DirectArrival"):
+        arrivals(np.ones((4, 4)), direct)
+
+
 def test_a_receive_map_shows_the_bright_directions_and_the_direct_paths():
     power = np.zeros((64, 64))
     power[30:34, 20:24] = 1e-9

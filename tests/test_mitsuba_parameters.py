@@ -239,6 +239,7 @@ RECEIVED: dict[str, Any] = {"entry": pwm.receiver}
         (EXACT | {"source": SQUARE.curved(4e-4, WAVELENGTH)}, "curvature of the wave is too large"),
         (EXACT | {"source": CURVED, "obliquity": "kirchhoff"}, "for curved waves and partially"),
         (RECEIVED | {"film": (0, 3)}, "each size in film to be a whole number from 1"),
+        (RECEIVED | {"film": 64}, "film to be a pair"),
         (RECEIVED | {"noise_figure": -1.0}, "0 dB or more"),
         (RECEIVED | {"obliquity": "paper"}, "boundary condition"),
         (RECEIVED | {"to_world": np.diag([2.0, 1.0, 1.0, 1.0])}, "to_world"),

@@ -62,6 +62,7 @@ def plate(half, pose):
     return {"type": "rectangle", "to_world": pose.scale([half, half, 1.0])}
 
 
+@pytest.mark.usefixtures("few_batches")
 def test_a_plate_falls_into_its_bin_and_bins_add_up_to_the_scattered_power():
     scene = scene_of(
         tx=emitter(),

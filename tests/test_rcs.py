@@ -298,7 +298,7 @@ def test_a_pattern_is_a_table_of_sections(body: Any, bounces: int) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((3.0, (0, 0, 1), 0.1), "bodies and plates to be Polyhedra"),
+        ((3.0, (0, 0, 1), 0.1), "bodies or obstacles to be Polyhedra"),
         (([], (0, 0, 1), 0.1), "empty list"),
         (([BOX, pw.Slits([(0, 1)])], (0, 0, 1), 0.1), "got Slits"),
         ((pw.Array([BOX, BOX], [1, -1]), (0, 0, 1), 0.1), "bodies without weights"),

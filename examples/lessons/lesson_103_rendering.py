@@ -142,9 +142,8 @@ figure.colorbar(picture, ax=panels[2], extend="both", label="of the peak")
 # one of them. No formula is needed for that, so it works in any scene.
 
 
-def noise(sampler, spp):
+def noise(scene, spp):
     """Root mean square of the noise, and of the error against the formula, over the peak."""
-    scene = scene_with(sampler)
     one, two = (polywigner.mitsuba.render(scene, spp=spp, seed=s)[..., 0] for s in (1, 2))
     error = np.sqrt(np.mean((one - expected) ** 2)) / peak
     return np.sqrt(np.mean((one - two) ** 2) / 2) / peak, error
@@ -154,7 +153,8 @@ counts = [16, 64, 256]
 figure, axes = plt.subplots(figsize=(7, 3.4), layout="constrained")
 result = {}
 for sampler, marker in (("independent", "o"), ("multijitter", "s")):
-    result[sampler] = np.array([noise(sampler, spp) for spp in counts])
+    scene = scene_with(sampler)
+    result[sampler] = np.array([noise(scene, spp) for spp in counts])
     db = 10 * np.log10(result[sampler])
     axes.semilogx(counts, db[:, 0], marker + "-", label=f"{sampler}: two seeds")
     axes.semilogx(counts, db[:, 1], marker + "--", mfc="none", label=f"{sampler}: against formula")

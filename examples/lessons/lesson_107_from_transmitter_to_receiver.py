@@ -152,7 +152,7 @@ phases = np.exp(-2j * np.pi / LAMBDA * to_focus)
 focused = pw.phased_array(element, sites, phases)
 plain = pw.phased_array(element, sites)
 
-distance = np.linspace(0.3, 3, 55)
+distance = np.geomspace(0.3, 3, 36)
 charging = {
     name: np.abs(pw.coupling(array, receiver, facing(distance), LAMBDA, tolerance=1e-4)) ** 2
     for name, array in (("focused at 0.8 m", focused), ("all in phase", plain))

@@ -26,6 +26,7 @@ from polywigner.geometry.arguments import (
     checked_count,
     checked_length,
     checked_number,
+    checked_type,
 )
 from polywigner.numerics import Complex, Floats
 from polywigner.quantities import SPEED_OF_LIGHT, parse_duration, parse_frequency
@@ -425,9 +426,13 @@ def detections(
     Raises
     ------
     ArgumentError
-        If the numbers of bins or the probability are out of range.
+        If ``image`` is no DataArray, or the numbers of bins or the probability are out of range.
     """
     filters = require("scipy.ndimage", "arrays", "detections are found with")
+    import xarray
+
+    expected = "image to be a DataArray from range_doppler or range_angle"
+    checked_type(image, expected, xarray.DataArray)
     near = [checked_count(n, "guard", 0, _MOST) for n in guard]
     far = [n + checked_count(m, "training", 1, _MOST) for n, m in zip(near, training, strict=True)]
     if any(2 * n >= size for n, size in zip(far, image.shape[-2:], strict=True)):

@@ -10,6 +10,7 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
+from functools import partial
 from typing import Annotated
 
 import typer
@@ -49,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         after Ctrl-C, 1 for any other error.
     """
     with warnings.catch_warnings():
-        warnings.showwarning = _show_warning
+        warnings.showwarning = partial(_show_warning, set())
         try:
             code = app(args=arguments, prog_name="polywigner", standalone_mode=False)
         except (KeyboardInterrupt, Exception) as error:
@@ -100,9 +101,11 @@ def _report_exception(error: BaseException) -> int:
     )
 
 
-def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
-    """Write a Python warning on stderr as a single line."""
-    _report(f"warning: {message}", 0)
+def _show_warning(shown: set[str], message: Warning | str, *_: object, **__: object) -> None:
+    """Write a Python warning on stderr as a single line, unless its text is in ``shown``."""
+    if str(message) not in shown:
+        shown.add(str(message))
+        _report(f"warning: {message}", 0)
 
 
 def _report(message: str, code: int) -> int:

@@ -41,6 +41,8 @@ _MOST = {
     "line": (1601,), "arc": (1281,), "plane": (257, 257), "hemisphere": (121, 240),
     "box": (101, 101, 101),
 }  # fmt: skip
+# Largest number of points in memory.
+_MOST_POINTS = 1 << 26
 
 
 Methods: TypeAlias = dict[str, dict[str, str | None]]
@@ -328,6 +330,11 @@ def parse_region(texts: Mapping[str, str | None], samples: str | None) -> Region
     ((kind, text),) = regions.items()
     dimensions = 1 if kind in ("line", "arc") else 2
     shape = () if samples is None else parse_shape("--samples", samples, dimensions, least=2)
+    if math.prod(shape) > _MOST_POINTS:
+        raise ArgumentError(
+            f"--samples: expected at most {_MOST_POINTS} points, got {math.prod(shape)}; use "
+            "`polywigner volume`, which writes to disk"
+        )
     with at_key(f"--{kind}"):
         if kind == "line":
             ends = _split_and_strip(text, r"\s+to\s+")

@@ -204,7 +204,10 @@ def radar(
     several receivers or emitters, also writes a figure of power by range and direction,
     NAME_angle.png.
     """
-    velocities = dict(parse_velocity(text) for text in velocity or [])
+    pairs = [parse_velocity(text) for text in velocity or []]
+    velocities = dict(pairs)
+    if len(velocities) < len(pairs):
+        raise ArgumentError("--velocity: expected one velocity for each name, got several")
     options.check_scene(scene)
     suffixes = (".zarr" if zarr else ".nc", "_rate.png", "_angle.png")
     files = options.files_to_write(out, f"{Path(scene).stem}_radar", suffixes)

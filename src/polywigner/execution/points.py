@@ -212,7 +212,11 @@ def _from_tensors(points: Points, float_type: type) -> tuple[dict[str, Drjit], t
 
 
 def _numpy_points(name: str, value: Any) -> NDArray[np.float64]:
-    """Return points as a float64 NumPy array, or raise ArgumentError."""
+    """Return real numbers of any shape, possibly NaN or infinite, as a float64 NumPy array.
+
+    Raises ArgumentError for other values, with ``name`` in the message. Arrays of other
+    libraries are converted.
+    """
     try:
         return real_numbers(value)
     except ValueError as error:

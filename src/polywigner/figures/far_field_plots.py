@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from types import NoneType
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
@@ -13,7 +14,7 @@ import numpy as np
 from polywigner.errors import ArgumentError
 from polywigner.figures import style
 from polywigner.figures.levels import check_floor
-from polywigner.geometry.arguments import checked_choice, checked_length
+from polywigner.geometry.arguments import checked_choice, checked_length, checked_type
 from polywigner.numerics import Floats
 from polywigner.propagation.beams import BeamMetrics, beam_metrics, cut_metrics
 from polywigner.propagation.patterns import (
@@ -92,6 +93,7 @@ def draw_pattern(
         ``figure`` has another type.
     """
     check_floor(floor_db)
+    checked_type(metrics, "metrics to be the result of beam_metrics", BeamMetrics, NoneType)
     theta, phi, levels, _ = checked_pattern(pattern)
     chosen = _panel_names(panels, len(phi))
     lines, beam = _drawn_cuts(pattern, cuts, metrics)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError
 from polywigner.figures import style
 from polywigner.figures.levels import check_floor, dbm, image_peak, level_db
-from polywigner.geometry.arguments import checked_array, checked_count
+from polywigner.geometry.arguments import checked_array, checked_count, checked_type
 from polywigner.numerics import Floats
 from polywigner.transforms.xarray_arguments import arrays_of
 
@@ -373,7 +373,9 @@ def _view_limits(
 def _mark_paths(axes: Any, direct: Sequence[DirectArrival]) -> list[Annotation]:
     """Draw a circle and a label for each path, and return the labels."""
     labels = []
-    for arrival in direct:
+    expected = "direct to be a sequence of DirectArrival objects"
+    for arrival in checked_type(direct, expected, Sequence):
+        checked_type(arrival, expected, DirectArrival)
         axes.plot(*arrival.direction_cosines, "o", mfc="none", mec=_MARK, ms=7, mew=1.2)
         level = f"{dbm(arrival.power):.1f} dBm".replace("-", "−")
         text, position = f"{arrival.name}\n{level}", arrival.direction_cosines

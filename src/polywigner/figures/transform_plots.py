@@ -465,9 +465,11 @@ def _tiles_of_layout(dataset: xarray.Dataset, layout: str) -> Cells:
 def _draw_tile(
     axes: Axes, data: xarray.Dataset, cell: tuple[str, str, str], unit: LengthUnit, floor_db: float
 ) -> None:
-    """Draw the values of a tile with its title and colour bar.
+    """Draw the values of a tile with its title and colour bar, but without axis labels.
 
-    ``cell``: name, horizontal coordinate and vertical coordinate of the tile.
+    ``cell``: name, horizontal coordinate and vertical coordinate of the tile. Coordinates and
+    values are converted to ``unit``. ``floor_db``, relative to the peak, applies only to tiles
+    with a frequency axis and without negative values.
     """
     name, across, up = cell
     tile = data[name]

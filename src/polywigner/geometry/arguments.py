@@ -158,9 +158,10 @@ def complex_array(
 
 
 def checked_row(values: Any, expected: str) -> NDArray[np.float64]:
-    """Return a real number or a row of them, possibly NaN or infinite, as an array (k,).
+    """Return a real number or a non-empty row of them as an array (k,).
 
-    Raises ArgumentError for other values. ``expected``: beginning of the error message.
+    Numbers may be NaN or infinite. Raises ArgumentError for other values. ``expected``:
+    beginning of the error message.
     """
     return np.atleast_1d(real_array(values, expected, (), (None,)))
 

@@ -159,7 +159,7 @@ class Obstacle:
 
 
 def obstacle_of(body: Polyhedron | PlacedAperture) -> Obstacle:
-    """Convert a body, or a plate in its pose, to triangles in world coordinates in m."""
+    """Convert a body, or a plate in its pose, to a mesh with vertices in m in the world."""
     if isinstance(body, PlacedAperture):
         flat, corners_of = triangulate(body.aperture)
         vertices = np.column_stack([flat, np.zeros(len(flat))])
@@ -240,9 +240,9 @@ def listed_bodies(bodies: Any) -> tuple[Polyhedron | PlacedAperture, ...]:
     """
     listed = tuple(bodies) if isinstance(bodies, (list, tuple)) else (bodies,)
     if not listed:
-        raise ArgumentError("expected at least one body or plate, got an empty list")
+        raise ArgumentError("expected at least one body or obstacle, got an empty list")
     for body in listed:
-        expected = "bodies and plates to be Polyhedra and placed apertures"
+        expected = "bodies or obstacles to be Polyhedra or placed apertures"
         advice = "call the method `placed` of an Aperture"
         checked_type(body, expected, Polyhedron, PlacedAperture, advice=advice)
         if isinstance(body, PlacedAperture) and body.aperture.illumination is not None:

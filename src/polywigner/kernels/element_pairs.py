@@ -113,7 +113,10 @@ _MOST_CELLS, _CELLS_PER_PAIR = 1 << 20, 64
 
 
 def is_scattered(array: Array) -> bool:
-    """Return whether an array consists of six or more copies of one aperture."""
+    """Return whether an array consists of six or more shifted copies of one aperture.
+
+    With fewer than 24 elements, copies are recognised only in phased arrays.
+    """
     copies = normal_form(array).copies
     if copies is None or not isinstance(copies.element.outline, Aperture):
         return False

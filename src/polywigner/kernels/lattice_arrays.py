@@ -192,11 +192,12 @@ def _site_cycles(ops: Any, frame: _ArrayFrame, *nu: Any) -> list[Any]:
 
 
 def _enter_wigner(ops: Any, frame: _ArrayFrame, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Values:
-    """Return (midpoint in half lattice steps, x - midpoint, phases in cycles, nu - carrier).
+    """Return (first midpoint, x - midpoint, phases in cycles, nu - carrier).
 
-    Each of the four results has two components. The phases are nu.b minus the phase difference of
-    adjacent weights, for both basis vectors b. The position and the frequency are in the frame of
-    the element.
+    Each of the four results has two components. The first midpoint that contributes is counted
+    in half lattice steps from the first element. The phases are nu.b minus the phase difference
+    of adjacent weights, for both basis vectors b. The position and the frequency are in the
+    frame of the element, in its units.
     """
     nearest = frame.means.nearest(ops, frame, x - frame.origin[0], y - frame.origin[1])
     cycles = _site_cycles(ops, frame, nu_x, nu_y)

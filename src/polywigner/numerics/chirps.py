@@ -231,11 +231,12 @@ def _batches(rules: NDArray[np.intp]) -> Iterator[tuple[int, NDArray[np.intp]]]:
 
 
 def _integrand(start: Floats, extent: Floats, at: Floats, q: Floats, nu: Floats) -> Complex:
-    """Return the integrand of the contour integral at Gauss nodes on pieces of edges, shape (k, n).
+    """Return the integrand (k, n) of the contour integral at Gauss nodes on pieces of edges.
 
-    ``at`` are nodes from -1 to 1.
-
-    ``start`` and ``extent`` are the start points and the vectors of the pieces, shape (k, 2).
+    ``at`` (n,) are nodes from -1 to 1. ``start`` and ``extent`` (k, 2) are the start points and
+    the vectors of the pieces, and ``q`` and ``nu`` (k, 2) their curvatures and frequencies as
+    in :func:`chirp_over_rings`. The result does not include the factor dy/d(at), half of the y
+    component of ``extent``.
     """
     x, y = (start[:, k, None] + (0.5 + 0.5 * at) * extent[:, k, None] for k in (0, 1))
     (q1, q2), (nu1, nu2) = (values.T[:, :, None] for values in (q, nu))

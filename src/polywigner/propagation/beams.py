@@ -413,7 +413,8 @@ def _flank(angles: Floats, levels: Floats, peak: int, step: int, level: float) -
 def _vertex(angles: Floats, levels: Floats, peak: int) -> tuple[float, float]:
     """Return angle and level of the vertex of the parabola through three neighbouring samples.
 
-    At an end of the cut and next to a null, the sample ``peak`` is returned instead.
+    At an end of the cut, and next to a level more than 10 dB lower (a null), the sample
+    ``peak`` is returned instead.
     """
     angle, level = float(angles[peak]), float(levels[peak])
     near = slice(max(0, peak - 1), peak + 2)

@@ -111,7 +111,8 @@ def _coefficients(
 ) -> tuple[Floats, Floats, Complex]:
     """Return M (2, 2), q (n, 2) and c (n,) of Collins' integral (O4) at points (n, 2).
 
-    The integral is ``c int u(x) exp(i pi/wavelength x.(M x - 2 q)) dx``.
+    The integral is ``c int u(x) exp(i pi/wavelength x.(M x - 2 q)) dx``, without the factor
+    exp(ikL) of the path along the axis.
     """
     inverse = np.linalg.inv(system.B)
     front = _root_phase(system.B) / (wavelength * math.sqrt(abs(np.linalg.det(system.B))))

@@ -176,7 +176,10 @@ def _field_dataset(
 
 
 def _checked_settings(options: FieldOptions, quantity: str) -> dict[str, Any]:
-    """Return the options that are passed to irradiance or amplitude."""
+    """Return the options for irradiance or amplitude that are not None, and always the engine.
+
+    Only the engine, the obstacles and the bandwidth of an irradiance are checked here.
+    """
     settings: dict[str, Any] = {
         name: value
         for name, value in options.items()
@@ -575,7 +578,10 @@ def _table_dataset(
     out: str | os.PathLike[str] | None,
     options: TableOptions,
 ) -> xarray.Dataset:
-    """Return W or A on a grid of four coordinates as an in-memory, lazy or stored dataset."""
+    """Return W or A on a grid of four coordinates as an in-memory, lazy or stored dataset.
+
+    ``axes``, in this order: x, y, nu_x, nu_y for W; upsilon_x, upsilon_y, xi_x, xi_y for A.
+    """
     check_options(options, TableOptions)
     if kernel_for(kind, flat_source(source)).dimension != 2:
         raise ArgumentError(

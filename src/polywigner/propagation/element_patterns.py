@@ -66,6 +66,11 @@ class ElementPattern:
         remedy = "use every second or third angle"
         check_most(len(theta), MOST_THETA, "theta angles", remedy)
         check_most(len(phi), MOST_PHI, "phi angles", remedy)
+        if len(theta) < 3 or len(phi) < 4:
+            raise ArgumentError(
+                "expected at least three theta angles, and four phi angles around the full "
+                f"circle, got {len(theta)} and {len(phi)}"
+            )
         if not covers_front(theta, phi):
             raise ArgumentError(
                 "expected evenly spaced theta angles from 0 to 90 or 180 degrees, and phi "

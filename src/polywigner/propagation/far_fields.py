@@ -161,7 +161,8 @@ def powers_of(
 ) -> tuple[float, float]:
     """Return the radiated power of a source, and the integral of |u|^2 over the source, in W.
 
-    Raises IlluminationError if the source radiates nothing.
+    ``obliquity`` is a key of ``OBLIQUITIES``. Raises IlluminationError if the source radiates
+    almost nothing.
     """
     power = power_by_lags(source, wavelength, obliquity)
     if power is None:

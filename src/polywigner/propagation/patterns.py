@@ -396,6 +396,8 @@ def _checked_levels(
     first, second, levels, *values = arrays_of(
         pattern, names, "polywigner.radiation_pattern", *_ATTRIBUTES
     )
+    if not levels.size:
+        raise ArgumentError("the pattern contains no angles; expected at least one angle")
     return first, second, levels, dict(zip(_ATTRIBUTES, map(float, values), strict=True))
 
 

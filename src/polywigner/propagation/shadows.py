@@ -452,7 +452,8 @@ class Blocker:
 def transmission_over(ops: Any, source: Point, point: Point, start: Point, end: Point) -> Values:
     """Return the detour of the path over an edge [wavelengths], and the wave's real amplitude.
 
-    The amplitude is relative to the free wave.
+    The detour is never negative. The amplitude at a point in the shadow is relative to the free
+    wave: 1 for a straight path, and smaller for longer detours and larger deflections.
     """
     detour, cosine, *_ = path_over(ops, source, point, start, end)
     # Kirchhoff's obliquity factor is the cosine of half the bending angle.

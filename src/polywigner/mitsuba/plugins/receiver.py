@@ -25,7 +25,7 @@ import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.errors import SceneError
+from polywigner.errors import ArgumentError, SceneError
 from polywigner.execution import Drjit
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_count, takes_frequency
@@ -437,5 +437,7 @@ def _film_entry(film: tuple[int, int] | Mapping[str, Any] | None) -> dict[str, A
     """Return the dictionary entry of a film from the argument ``film`` of `receiver`."""
     if isinstance(film, Mapping):
         return dict(film)
-    pixels = (1, 1) if film is None else film
-    return film_of(*(checked_count(size, "each size in film", 1) for size in pixels))
+    pixels = np.array((1, 1) if film is None else film)
+    if pixels.shape != (2,):
+        raise ArgumentError(f"expected film to be a pair (columns, rows), got {film!r}")
+    return film_of(*(checked_count(size, "each size in film", 1) for size in pixels.tolist()))
