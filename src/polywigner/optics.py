@@ -32,7 +32,7 @@ _LEAST = 2.0**-1023
 def check_symplectic(matrix: Matrix) -> None:
     """Raise ArgumentError unless A^T C and B^T D are symmetric and A^T D - C^T B = 1.
 
-    A, B, C and D are the quarters of the ray matrix (2, 2) or (4, 4). Relative deviations up to
+    A, B, C and D are the four blocks of the ray matrix (2, 2) or (4, 4). Relative deviations up to
     1e-9 are accepted.
     """
     half = len(matrix) // 2
@@ -56,7 +56,8 @@ def check_symplectic(matrix: Matrix) -> None:
 def checked_pair(value: Any, expected: str) -> Matrix:
     """Return one or two numbers, possibly infinite, as an array (2,).
 
-    Raises ArgumentError for zero, NaN and other values. ``expected``: beginning of the message.
+    Raises ArgumentError for zero, NaN and other values. ``expected``: beginning of the error
+    message.
     """
     numbers = checked_vectors(value, expected, ())
     if numbers.shape not in ((), (2,)) or not (np.abs(numbers) >= _LEAST).all():
@@ -231,10 +232,11 @@ class FirstOrder(Immutable):
 
     @classmethod
     def fractional(cls, order: float, f: float) -> FirstOrder:
-        """Return the fractional Fourier transformer, a rotation of phase space by quarter turns.
+        """Return a fractional Fourier transformer.
 
-        The orders of successive systems add up. Order 1 is :meth:`fourier`, order 2 an inverted
-        image, and order 4 the identity. Source: A. W. Lohmann, J. Opt. Soc. Am. A 10, 2181 (1993).
+        The transformer rotates phase space by ``order`` quarter turns. The orders of successive
+        systems add up. Order 1 is :meth:`fourier`, order 2 an inverted image, and order 4 the
+        identity. Source: A. W. Lohmann, J. Opt. Soc. Am. A 10, 2181 (1993).
 
         Parameters
         ----------
@@ -268,7 +270,7 @@ class FirstOrder(Immutable):
 
     @classmethod
     def rotation(cls, angle: float) -> FirstOrder:
-        """Return a counter-clockwise rotation about the optical axis, such as by prisms.
+        """Return a counter-clockwise rotation about the optical axis, such as a rotation by prisms.
 
         Parameters
         ----------
@@ -378,7 +380,7 @@ class FirstOrder(Immutable):
 
     @property
     def _key(self) -> bytes:
-        """Bytes of the ray matrix; equal systems have equal bytes."""
+        """Bytes of the ray matrix, which are equal for equal systems."""
         return (self.matrix + 0.0).tobytes()
 
     def __repr__(self) -> str:

@@ -62,9 +62,9 @@ def _parse(
 ) -> float:
     """Convert a string such as "10 mm" to SI units; numbers are already in SI units.
 
-    Raises QuantityError for other values. With ``positive``, values of zero or less are errors,
-    too. ``units``: size of each unit in SI units. ``kind`` and ``example`` describe the quantity in
-    error messages.
+    Raises QuantityError for other values. If ``positive`` is true, zero and negative values are
+    errors, too. ``units``: size of each unit in SI units. ``kind`` and ``example`` describe the
+    quantity in error messages.
     """
     article = "an" if kind[0] in "aeio" else "a"
     expected = f'expected {article} {kind} such as "{example}", got {value_text(text)}'
@@ -222,7 +222,7 @@ def wavelength_of(frequency: float) -> float:
 
 
 def parse_wavelength(frequency: str | float | None, wavelength: str | float | None) -> float | None:
-    """Parse a frequency or a wavelength to a wavelength in metres; None without either.
+    """Return the wavelength in metres for a frequency or a wavelength; None if both are None.
 
     Raises QuantityError if both are specified, and for invalid quantities.
     """
@@ -254,6 +254,6 @@ def length_unit(length: float) -> LengthUnit:
 
 
 def length_text(*lengths: float) -> str:
-    """Return lengths in m as text such as ``20 x 12 mm``, in the unit for the largest length."""
+    """Return lengths in m as text such as ``20 x 12 mm``; the largest length selects the unit."""
     unit = length_unit(max(lengths))
     return f"{' x '.join(f'{length / unit.metres:.4g}' for length in lengths)} {unit.name}"

@@ -129,7 +129,7 @@ class FMCW:
 
     @property
     def noise_gain(self) -> float:
-        """Noise power of a spectrum value divided by the noise power of a sample, which is 1."""
+        """Noise power of a spectrum value divided by the noise power of a sample; always 1."""
         return 1.0
 
     def from_spectrum(self, spectrum: Complex) -> Complex:
@@ -158,7 +158,7 @@ class SteppedFrequency(FMCW):
 
 
 class Pulse(FMCW):
-    """Pulses with a flat spectrum, after matched filtering.
+    """Pulses with a flat spectrum, as received after matched filtering.
 
     All parameters of :class:`FMCW` apply: ``start`` and ``bandwidth`` specify the spectrum, and
     ``sample_rate`` must equal ``bandwidth``. Sample n is received at the time ``n / bandwidth``
@@ -177,7 +177,7 @@ class Pulse(FMCW):
 
     @property
     def time_step(self) -> float:
-        """Time in s from one frequency to the next, which is zero for pulses."""
+        """Time in s from one frequency to the next; zero for pulses."""
         return 0.0
 
     @property
@@ -260,7 +260,7 @@ def waveform_attrs(waveform: FMCW) -> dict[str, Any]:
 
 
 def waveform_of(cube: Any) -> FMCW:
-    """Return a new waveform from the attributes of a data cube, or raise ArgumentError."""
+    """Create a waveform from the attributes of a data cube; raise ArgumentError if this fails."""
     try:
         names = [field.name for field in fields(FMCW)]
         if tuple(cube["signal"].dims) == CUBE_DIMS:
@@ -278,11 +278,11 @@ CUBE_DIMS = ("draw", "receiver", "emitter", "chirp", "sample")
 
 
 def range_doppler(cube: Any, window: str = "hann", pad: int = 1) -> xarray.DataArray:
-    """Compute the received power by range and range rate, for each receiver and emitter.
+    """Compute the received power by range and range rate, for each pair of receiver and emitter.
 
     If a path is at the centre of a bin, the value of this bin is the received power of the path
-    (coherent gain 1). Ranges refer to the time at the centre of the frame. Motion within each
-    repetition is compensated for the range rate of each bin.
+    (coherent gain 1). Ranges refer to the time at the centre of the frame. For each bin, motion
+    within a repetition is compensated at the range rate of the bin.
 
     Parameters
     ----------
@@ -320,12 +320,12 @@ def range_angle(
     directions: int = 257,
     pad: int = 1,
 ) -> xarray.DataArray:
-    """Compute the received power by range and by angle at a virtual array.
+    """Compute the received power by range and by angle of arrival at a virtual array.
 
     All receivers and emitters form one virtual array. Each pair of a receiver and an emitter is an
-    element at the sum of their positions. Emitters may transmit one after the other, so the phase
-    change of a moving target between their transmissions is compensated for each range rate. The
-    power is then summed over range rates.
+    element at the sum of their positions. Emitters may transmit one after the other. The phase
+    change of a moving target between their transmissions is therefore compensated for each range
+    rate. The power is then summed over range rates.
 
     Parameters
     ----------
@@ -444,7 +444,7 @@ def detections(
     modes = ["wrap" if dim == "range_rate" else "reflect" for dim in image.dims[-2:]]
 
     def sums(half_widths: list[int]) -> tuple[Floats, int]:
-        """Return sums of the image over windows around all bins, and the bins per window."""
+        """Return sums of the image over windows around all bins, and the window size in bins."""
         sizes = [2 * n + 1 for n in half_widths]
         mean = filters.uniform_filter(image.values, sizes, mode=modes, axes=(-2, -1))
         return mean * np.prod(sizes), int(np.prod(sizes))
@@ -494,8 +494,8 @@ def _by_range(cube: Any, spectra: Complex, window: str, pad: int) -> tuple[Compl
     """Transform spectra to ranges.
 
     Returns values (..., range), ascending ranges in m from zero, and the noise power of a value
-    relative to a sample. ``spectra`` has the frequencies of the waveform along its last axis.
-    ``pad`` is the number of bins per resolution cell.
+    relative to the noise power of a sample. ``spectra`` has the frequencies of the waveform along
+    its last axis. ``pad`` is the number of bins per resolution cell.
     """
     waveform = waveform_of(cube)
     bins = waveform.samples * checked_count(pad, "pad", 1, 64)

@@ -97,7 +97,7 @@ def waves_of_cycles(cycles: Any) -> Complex:
 
 
 def _by_gauss(b: Floats, c: Floats, f: Floats) -> Complex:
-    """Return the chirp integral from 0 to b from a Gauss rule, which is accurate for few cycles."""
+    """Return the chirp integral from 0 to b by a Gauss rule, which is accurate for few cycles."""
     nodes, weights = _RULE
     total = np.zeros(b.shape, np.complex128)
     for node, weight in zip(nodes.tolist(), weights.tolist(), strict=True):
@@ -107,7 +107,7 @@ def _by_gauss(b: Floats, c: Floats, f: Floats) -> Complex:
 
 
 def _by_fresnel(b: Floats, c: Floats, f: Floats) -> Complex:
-    """Return the chirp integral from 0 to b for curvatures c > 0, from two Fresnel integrals.
+    """Return the chirp integral from 0 to b by two Fresnel integrals, for curvatures c > 0.
 
     The result is inaccurate for small phases.
     """
@@ -138,8 +138,8 @@ _FEW = 1 << 9
 def chirp_over_intervals(intervals: Floats, q: Floats, nu: Floats) -> Complex:
     """Return the transform of curved waves over a set of intervals, shape (n,).
 
-    The transform is the integral of exp(i pi (q t^2 - 2 nu t)) over all intervals, shape (k, 2).
-    ``q`` and ``nu``, shape (n,), contain the curvature and the frequency of each result.
+    The transform is the integral of exp(i pi (q t^2 - 2 nu t)) over all ``intervals`` (k, 2). ``q``
+    and ``nu``, shape (n,), contain the curvature and the frequency of each result.
     """
     value = chirp_integral(intervals.ravel(), q[:, None], nu[:, None])
     value = value.reshape(-1, len(intervals), 2)

@@ -31,7 +31,7 @@ def vertices_on_grid(polygon: Floats, step: float) -> tuple[Floats, npt.NDArray[
 
 
 def accurate_cross(ax: Any, ay: Any, bx: Any, by: Any) -> Any:
-    """Return the cross product of two vectors with an error of about an ulp (Dekker).
+    """Return the cross product of two vectors with an error of about one ulp (Dekker).
 
     The result is 0 only if the exact cross product is 0.
     """
@@ -51,7 +51,7 @@ def product_error(a: Any, b: Any, product: Any) -> Any:
 
 
 def _is_convex(polygon: Floats) -> bool:
-    """Return whether a ring is convex and counter-clockwise, and winds once.
+    """Return whether a ring is convex, is counter-clockwise, and winds only once.
 
     Vertices may lie on straight sides.
     """

@@ -84,7 +84,7 @@ def _sums(a: Derivatives, b: Derivatives) -> Derivatives:
 
 
 def _value_of(number: Any) -> Number:
-    """Return the value of a jet without its derivatives, or a number that is not a jet."""
+    """Return the value of a jet without derivatives; a number that is not a jet is unchanged."""
     return number.value if isinstance(number, Jet) else number
 
 

@@ -54,7 +54,7 @@ def gauss_rules() -> Rules:
 
 
 def gauss_legendre(n: int) -> Floats:
-    """Return the Gauss-Legendre rule with n nodes on [-1, 1], with the columns of `Rules`.
+    """Return the columns of `Rules` for the Gauss-Legendre rule with n nodes on [-1, 1].
 
     Newton's method starts from Tricomi's approximation, whose error is proportional to 1/n^4.
     """
@@ -142,7 +142,7 @@ def error_of(ops: Any, sums: tuple[Any, ...], expected: tuple[Any, ...], cycles:
     """Return an absolute error estimate of an integral, including rounding errors.
 
     ``sums`` contains the sums of :func:`node_sums` over all nodes, and ``expected`` the second
-    result of :func:`nodes_needed`. ``cycles`` is an upper bound of the sum of all phases, in
+    result of :func:`nodes_needed`. ``cycles`` is an upper bound on the sum of all phases, in
     cycles.
     """
     size, a, b, c, d = sums[2:]
@@ -217,9 +217,9 @@ def chirp_node_counts(radians: Any, error: float) -> Indices:
     """Return the numbers of Gauss-Legendre nodes for waves with a linear or quadratic phase.
 
     The derivative of the phase on [-1, 1] is at most ``radians``. The error of the rule with n
-    nodes is about the sum of the Chebyshev coefficients of order 2n and higher: J_k(w) for exp(i w
-    x), and J_k(w/4) of order 2k for exp(i w x^2/2). Debye's approximation is J_k(k/cosh a) = exp(-k
-    (a - tanh a)).
+    nodes is about the sum of the Chebyshev coefficients of order 2n and higher. For exp(i w x), the
+    coefficient of order k is J_k(w). For exp(i w x^2/2), the coefficient of order 2k is J_k(w/4).
+    Debye's approximation is J_k(k/cosh a) = exp(-k (a - tanh a)).
     """
     a = np.geomspace(20.0, 1e-2, 400)
     degrees = -math.log(error) / (a - np.tanh(a))
@@ -263,13 +263,13 @@ def areas(triangles: Triangles) -> Floats:
 
 
 def cells_of(triangles: Triangles) -> Cells:
-    """Return triangles as cells, whose corners at u = 0 coincide opposite the shortest side."""
+    """Return triangles as cells; the two corners at u = 0 coincide, opposite the shortest side."""
     order = (_side_lengths(triangles).argmin(axis=1)[:, None] + np.array([0, 1, 0, 2])) % 3
     return np.take_along_axis(triangles, order[:, :, None], axis=1)
 
 
 def _side_lengths(triangles: Triangles) -> Floats:
-    """Return the length of the side opposite each corner, for each triangle."""
+    """Return, for each triangle, the length of the side opposite each corner."""
     return np.asarray(np.linalg.norm(triangles[:, (1, 2, 0)] - triangles[:, (2, 0, 1)], axis=-1))
 
 
@@ -306,7 +306,7 @@ def rule_over_cells(cells: Cells, counts: Indices) -> tuple[Floats, Floats, Indi
 
 
 def counts_for_cycles(cycles: Floats, error: float) -> Indices:
-    """Return the numbers of nodes that integrate waves with ``cycles`` cycles over the interval.
+    """Return the numbers of nodes for waves with ``cycles`` cycles over the integration interval.
 
     A number above ``LARGEST`` means that no rule is sufficient. With n nodes and q cycles, the
     error is at most (pi e q/(4 n))^(2n), relative to the integral of the modulus.

@@ -103,7 +103,7 @@ def sinc_less_one(ops: Any, cycles: Any, terms: int) -> Any:
 
 
 def mean_plane_wave(ops: Any, start: Any, end: Any) -> tuple[Any, Any]:
-    """Return the mean of exp(-2 pi i p) over phases p from ``start`` to ``end`` in cycles.
+    """Return the mean of exp(-2 pi i p) over phases p from ``start`` to ``end``, in cycles.
 
     The results are two real numbers, and the mean is cosine - i sine = exp(-pi i (start + end))
     sinc(end - start).
@@ -121,7 +121,7 @@ _SPLIT = 2.0**29 + 1
 
 
 def doubled(value: Fraction | float, double: bool = True) -> tuple[float, float]:
-    """Return the float64 or float32 that is nearest to a number, and the remainder."""
+    """Return the nearest float64 or float32 number, and the remainder."""
     exact = Fraction(value)
     high = float(exact) if double else float(np.float32(float(exact)))
     return high, float(exact - Fraction(high))
@@ -175,7 +175,7 @@ def cross(ops: Any, a: Doubled, b: Doubled, c: Doubled, d: Doubled) -> Number:
 
 
 def split(ops: Any, number: Doubled) -> Doubled:
-    """Return a number as the sum of two floats, the first of which is exact in float32."""
+    """Return a number as the sum of two floats; the first float is exact in float32."""
     total, low = number
     if not ops.double:
         return number
@@ -186,7 +186,7 @@ def split(ops: Any, number: Doubled) -> Doubled:
 
 
 def reduced(ops: Any, cycles: Doubled) -> Any:
-    """Return a number of cycles without its nearest integer, as a float from -1/2 to 1/2."""
+    """Return a number of cycles minus the nearest integer, as a float from -1/2 to 1/2."""
     total, low = cycles
     return (total - ops.round(total)) + low
 
@@ -307,7 +307,7 @@ def _shifted(ops: Any, origin: Any, others: Sequence[Any]) -> Pair:
 
 
 def _farthest(ops: Any, nodes: Sequence[Any]) -> tuple[Any, Any, list[Any], Any]:
-    """Return the two phases that are farthest apart, all other phases, and their distance."""
+    """Return the two phases that are farthest apart, all other phases, and the largest distance."""
     (first, last, *between), origin = nodes, nodes[0]
     largest = abs(last)
 

@@ -84,12 +84,12 @@ def amplitude(
 ) -> Complex:
     """Compute the complex field U(x, y, z) of a source in the plane z = 0.
 
-    The Rayleigh-Sommerfeld and Kirchhoff integrals over the source are reduced to integrals along
-    its edges without approximation, evanescent waves included (docs/theory.md, (B1) to (B5)). The
-    results are as accurate at z = 1e-6 wavelengths as in the far field. Like Fresnel's integral
-    (B6), these fields are smooth across the boundary of the geometric shadow. Fraunhofer's field
-    (B7) follows from the Fourier transform of the source. The phase convention is exp(+ikR)/R for a
-    spherical wave.
+    The Rayleigh-Sommerfeld and Kirchhoff integrals over the source are reduced, without
+    approximation, to integrals along its edges that include evanescent waves (docs/theory.md, (B1)
+    to (B5)). The field is as accurate at z = 1e-6 wavelengths as in the far field. Like Fresnel's
+    integral (B6), these fields are smooth across the boundary of the geometric shadow. Fraunhofer's
+    field (B7) follows from the Fourier transform of the source. The phase convention is exp(+ikR)/R
+    for a spherical wave.
 
     Parameters
     ----------
@@ -233,7 +233,7 @@ def field_and_error(
 ) -> tuple[Complex, Floats]:
     """Return the field of :func:`amplitude` at points, and an estimate of its error.
 
-    The error of the diffraction by obstacles counts as zero unless ``with_error`` is true.
+    The error includes the error of diffraction by obstacles only if ``with_error`` is true.
     """
     check_no_drjit(source=source, points=points, wavelength=wavelength)
     if aberration is not None:

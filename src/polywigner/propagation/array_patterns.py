@@ -66,9 +66,9 @@ def array_tolerance(
     radiation. The errors a_k of the amplitude in dB, p_k of the phase and x_k of the position are
     normally distributed. The factor d_k is 0 for dead elements and 1 otherwise.
 
-    The mean intensity is ``<|E|^2> = |m|^2 |E_0|^2 + v sum_k |w_k E_k|^2`` (RP4). Here
-    E_0 is the far field without errors, E_k is the far field of element k, m = <f_k> is the mean of
-    the random factors, and v = <|f_k|^2> - |m|^2 is their variance.
+    The mean intensity is ``<|E|^2> = |m|^2 |E_0|^2 + v sum_k |w_k E_k|^2`` (RP4). Here E_0 is the
+    far field without errors, and E_k is the far field of element k. The random factors have the
+    mean m = <f_k> and the variance v = <|f_k|^2> - |m|^2.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ def array_tolerance(
 
 
 def _checked_errors(**errors: float) -> dict[str, float]:
-    """Return the errors of array_tolerance; raise ArgumentError if one is out of range."""
+    """Return the error parameters of array_tolerance; raise ArgumentError for invalid values."""
     for name, (most, meaning) in _ERRORS.items():
         errors[name] = checked_number(errors[name], name, meaning)
         if not 0 <= errors[name] <= most:
@@ -205,7 +205,7 @@ def _statistics(
     factors: Complex,
     shifts: Floats | None,
 ) -> dict[str, Floats]:
-    """Return |E|^2 in directions (n, 3): nominal, expected, and mean and quantiles of samples.
+    """Return |E|^2 in directions (n, 3): nominal, expected, sample mean, and sample quantiles.
 
     Each of the five arrays (n,) is in W/sr. See `_draw` for ``factors`` and ``shifts``.
     """
@@ -235,7 +235,10 @@ def _statistics(
 def _element_fields(
     source: Array, directions: Floats, wavelength: float, obliquity: str
 ) -> Complex:
-    """Return the unweighted far field of each element about the origin, (directions, elements)."""
+    """Return unweighted far fields of all elements, shape (directions, elements).
+
+    Phases refer to the origin.
+    """
     if source.repeated is not None:
         element, positions = source.repeated
         cycles = directions[:, :2] @ positions.T / wavelength

@@ -55,7 +55,7 @@ _NAN_PAIR = (math.nan, math.nan)
 
 @dataclass(frozen=True)
 class CutMetrics:
-    """Main beam and sidelobes along a cut, on both sides of its peak.
+    """Main beam and sidelobes along a cut, on both sides of the peak of the cut.
 
     Angles on a meridian are values of theta, which are negative at the opposite azimuth. Angles on
     a great circle through the beam are measured from the beam.
@@ -176,7 +176,7 @@ class BeamMetrics:
 
     @property
     def principal_cuts(self) -> tuple[CutMetrics, ...]:
-        """Cuts closest to the x axis, the y axis and the beam, without duplicates."""
+        """Cuts closest to the x axis, to the y axis and to the beam; duplicates are omitted."""
         azimuths = (0.0, math.pi / 2, *((self.phi,) if abs(self.theta) > _SAME_ANGLE else ()))
         nearest = (min(self.cuts, key=lambda cut: angle_between(cut.phi, phi)) for phi in azimuths)
         return tuple(dict.fromkeys(nearest))
@@ -194,7 +194,7 @@ def _cut_rows(cut: CutMetrics) -> list[tuple[str, str]]:
         return [(name, "nothing is radiated")]
 
     def listing(angles: tuple[float, float], levels: tuple[float, float] | None = None) -> str:
-        """Return angles in degrees as text, with levels if specified; omit NaN angles."""
+        """Return angles in degrees as text, with levels if they are specified; omit NaN angles."""
         texts = [f"{math.degrees(angle):.1f}°" for angle in angles]
         if levels is not None:
             texts = [f"{level:.1f} dB at {t}" for level, t in zip(levels, texts, strict=True)]
@@ -305,7 +305,7 @@ def beam_metrics(
 def _warn_of_samples(
     cuts: tuple[CutMetrics, ...], lines: list[Cut], about: dict[str, float], has_circles: bool
 ) -> None:
-    """Warn if angles are coarse for the beamwidth, or if no cut passes through the beam.
+    """Warn if angle steps are too coarse for the beamwidth, or if no cut passes through the beam.
 
     If ``has_circles`` is true, the second warning is omitted.
     """
@@ -327,9 +327,10 @@ def _warn_of_samples(
 
 
 def cut_metrics(cut: Cut, beam: float) -> CutMetrics:
-    """Return the metrics of a cut through a pattern whose beam has ``beam`` dBi.
+    """Return the metrics of a cut through a pattern with a maximum of ``beam`` dBi.
 
-    If the peak of the cut is more than 150 dB below the beam, the cut has no radiation.
+    If the peak of the cut is more than 150 dB below the beam, the cut is treated as a cut without
+    radiation.
     """
     angles, levels = cut.angles, np.maximum(cut.levels, _DARK)
     peak = int(np.argmax(levels)) if cut.kind == "theta" else _nearest_peak(levels, angles)

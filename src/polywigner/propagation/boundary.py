@@ -99,7 +99,7 @@ class Radiator:
         )
 
     def times(self, factor: Callable[[Floats], Any]) -> Radiator:
-        """Return a source whose plane waves are multiplied by a function of frequencies (m, 2)."""
+        """Return a copy with plane waves multiplied by a function of their frequencies (m, 2)."""
         elements = (
             replace(e, amplitudes=e.amplitudes * factor(e.frequencies)) for e in self.elements
         )
@@ -117,7 +117,7 @@ class Radiator:
 
 
 def radiator_of(source: object) -> Radiator:
-    """Return an Aperture or a planar Array as a Radiator, without elements of weight zero.
+    """Return an Aperture or a planar Array as a Radiator; elements of weight zero are omitted.
 
     Raises ArgumentError for other sources, and GeometryError for elements outside the plane.
     """
@@ -163,7 +163,7 @@ def panels_of(
 ) -> Iterator[_Panels]:
     """Yield blocks of about ``count`` panels, each at most ``longest`` wavelengths long.
 
-    ``steep`` selects plane waves within 60 degrees of the normal (True) or other plane waves
+    ``steep`` selects plane waves within 60 degrees of the normal (True) or all other plane waves
     (False). By default all plane waves are included.
     """
     for element in radiator.elements:
@@ -274,8 +274,8 @@ def boundary_field(
 ) -> FieldEstimate:
     """Compute the field of a source at points (n, 3) in m by boundary integrals.
 
-    ``tolerance`` is a fraction of the incident amplitude or of the bound on the field, whichever is
-    smaller. Errors above the allowed errors are returned without a warning.
+    ``tolerance`` is relative to the smaller of the incident amplitude and the bound on the field.
+    Errors above the allowed errors are returned without a warning.
     """
     if method != "fresnel":
         return _by_edge_sums(radiator, points, wavelength, method, tolerance, engine)
@@ -314,7 +314,7 @@ def _by_edge_sums(
     tolerance: float,
     engine: str,
 ) -> FieldEstimate:
-    """Compute the field at points by steepest descent, or by panels if that is inaccurate."""
+    """Compute the field at points by steepest descent, or by panels if descent is inaccurate."""
     paraxial = method == "fresnel"
     # Weight of the second boundary term of (B3), which is absent in Fresnel fields.
     second_term = OBLIQUITIES[method].field if method in OBLIQUITIES else 0.0
@@ -345,7 +345,7 @@ def _by_edge_sums(
             digits *= _HARDER
 
     def by_steepest_descent(points: Floats, digits: float) -> tuple[Complex, Floats]:
-        """Return the field at points and its error; grazing and evanescent waves use panels."""
+        """Return the field at points and its error; use panels for grazing and evanescent waves."""
         if paraxial:
             return edge_sums(points, digits, steepest_edge_sum, math.inf)
         steep = edge_sums(points, digits, steepest_edge_sum, math.inf, True)

@@ -68,7 +68,7 @@ def collins_field(
     """Compute the field at points (n, 2) in m behind a first-order system without stops (O4).
 
     The factor exp(ikL) of the axial path is omitted. ``tolerance`` is relative to the smaller of
-    two bounds: the field with all parts of the source in phase, and the field of geometrical
+    two bounds: the field if all parts of the source were in phase, and the field of geometrical
     optics. In an image plane, the allowed errors are infinite.
     """
     radiator = radiator_of(source)
@@ -101,7 +101,7 @@ def collins_field(
 
 
 def _zero_scales(system: FirstOrder) -> NDArray[np.bool_]:
-    """Return which singular values (2,) of the matrix B are zero; in an image, both are zero."""
+    """Return which singular values (2,) of the matrix B are zero; both are zero for an image."""
     scale = np.linalg.svd(system.B, compute_uv=False)
     return np.asarray(scale <= np.linalg.norm(system.rounding[:2, 2:]))
 
@@ -155,10 +155,11 @@ def _by_fresnel(
     radiator: Radiator, slopes: Floats, wavelength: float, curvature: float,
     tolerance: float, engine: str,
 ) -> FieldEstimate:  # fmt: skip
-    """Return the integral (O4) without the factor c as a scaled Fresnel field for equal curvatures.
+    """Return the integral (O4), without the factor c, as a scaled Fresnel field.
 
-    ``curvature`` is the common value in 1/m of both eigenvalues of M, and may be negative.
-    ``slopes`` (n, 2) is q in (O4). The errors also omit the factor c.
+    The curvatures along both axes must be equal. ``curvature`` is the common value in 1/m of both
+    eigenvalues of M, and may be negative. ``slopes`` (n, 2) is q in (O4). The errors also omit the
+    factor c.
     """
     if curvature < 0:
         mirrored = tuple(
@@ -197,7 +198,10 @@ def _image(
 
 
 def _source_field(source: Any, x: Floats) -> NDArray[np.complex128]:
-    """Return the field u (n,) of a source at positions (n, 2) in its plane; it is 0 outside."""
+    """Return the field u (n,) at positions (n, 2) in the plane of a source.
+
+    The field is 0 outside the source.
+    """
     total = np.zeros(len(x), np.complex128)
     for element in normal_form(source).in_plane.elements:
         inside = autocorrelation(element.outline, x, (0.0, 0.0), engine="numpy")
@@ -217,7 +221,7 @@ def field_behind(
     """Return the field at points (..., 2) in m behind first-order systems and stops, and its error.
 
     The factor exp(ikL) of the axial path is omitted. ``others`` are arguments that apply only to
-    free space. Raises ArgumentError if any of them is not None.
+    free space. Raises ArgumentError if any of the ``others`` is not None.
     """
     for name, value in others.items():
         if value is not None:

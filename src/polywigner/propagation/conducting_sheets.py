@@ -71,8 +71,8 @@ class Sheet:
     def with_images(self, positions: Floats, source: Floats, least: Floats) -> Floats:
         """Return positions (n, 3) followed by their mirror images, shape (2n, 3).
 
-        Positions closer to the plane than ``least`` (n,) are moved to this distance, on the side of
-        the source (3,).
+        Positions that are closer to the plane than ``least`` (n,) are moved to this distance, on
+        the side of the source (3,).
         """
         height, side = self.heights(positions), np.sign(self.heights(source))
         moved = np.where(np.abs(height) < least, least * (side or 1.0), height)
@@ -111,10 +111,10 @@ def change_by_sheet(
     positions: Floats,
     least: Floats,
 ) -> Fields:
-    """Return the change of the field by soft or hard plates, the free field and the error.
+    """Return the change of the field due to soft or hard plates, the free field and the error.
 
-    ``compute`` returns the same results for black plates. Positions (n, 3) within ``least`` (n,) of
-    a plate are treated as lying on its illuminated side.
+    ``compute`` returns the same three results for black plates. Positions (n, 3) within ``least``
+    (n,) of a plate are treated as lying on its illuminated side.
     """
     sheet, count = Sheet.of(bodies), len(positions)
     origins = np.array([point.position for point in sources])
@@ -148,7 +148,7 @@ def check_source(bodies: Obstacles, origins: Floats) -> None:
 
 
 def _close_to(origins: Floats, positions: Floats) -> NDArray[np.bool_]:
-    """Return a mask of positions (n, 3) within 1e-4 wavelengths of a point in ``origins``."""
+    """Return a mask of the positions (n, 3) within 1e-4 wavelengths of any point in ``origins``."""
     close = np.zeros(len(positions), bool)
     low, high = origins.min(axis=0) - _CLOSE, origins.max(axis=0) + _CLOSE
     rows = np.flatnonzero(((positions > low) & (positions < high)).all(axis=1))
@@ -176,10 +176,10 @@ def _averaged(
 def mean_of_neighbours(
     compute: Callable[[Floats], Fields], positions: Floats, step: Floats
 ) -> list[NDArray[Any]]:
-    """Return fourth-order means of ``compute`` over four neighbours of each position (n, 3).
+    """Return fourth-order means of the results of ``compute`` over neighbours of positions (n, 3).
 
-    The neighbours lie at -2, -1, 1 and 2 times ``step``, which is one vector (3,) or n vectors (n,
-    3). The list contains the mean of each result of ``compute``.
+    The four neighbours lie at -2, -1, 1 and 2 times ``step``, which is one vector (3,) or n vectors
+    (n, 3). The list contains the mean of each result of ``compute``.
     """
     near = [compute(positions + number * step) for number in _WEIGHTS]
     weights = list(_WEIGHTS.values())

@@ -105,7 +105,7 @@ def _elements(wave: Wavefront) -> Iterator[_Element]:
 
 
 def cells_of_wave(wave: Wavefront, wavelength: float) -> Iterator[tuple[_Element, Floats]]:
-    """Yield parts of a curved source, and cells (k, 3, 2) small enough for any plane wave."""
+    """Yield parts of a curved source, and their cells (k, 3, 2), which suit any plane wave."""
     for part in _elements(wave):
         cells = part.triangles
         while len(cells):
@@ -123,7 +123,7 @@ def _longest_sides(cells: Floats) -> Floats:
 
 
 def _highest(wave: Wavefront, part: _Element, cells: Floats, frequencies: Any) -> Floats:
-    """Return the highest spatial frequency of the field times another wave on each cell, in 1/m.
+    """Return the highest spatial frequency [1/m], on each cell, of the field times another wave.
 
     ``frequencies`` (k, 3, 2) contains the spatial frequencies of the other wave at the corners of
     the cells.

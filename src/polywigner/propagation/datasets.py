@@ -102,7 +102,7 @@ def _field_values(
     source: PlaneSource | Wavefront, grid: Grid, wavelength: float, method: str, quantity: str,
     dtype: np.dtype[Any], options: Mapping[str, Any], origin: Index, shape: Index,
 ) -> NDArray[Any]:  # fmt: skip
-    """Compute a block of a field on a grid, from the index ``origin``."""
+    """Compute the block of a field on a grid that starts at the index ``origin``."""
     compute = irradiance if quantity == "irradiance" else amplitude
     field = compute(source, grid.points(origin, shape), wavelength, method, **options)
     return np.asarray(np.angle(field) if quantity == "phase" else field, dtype)
@@ -134,7 +134,7 @@ def _summary(obstacles: Sequence[Obstacle]) -> str:
 def _field_dataset(
     source: Any, grid: Grid, wavelength: float, options: FieldOptions, dtype: str = "float64"
 ) -> xarray.Dataset:
-    """Return the fields of all requested methods on a grid, in memory, lazy or stored."""
+    """Return fields of all requested methods on a grid as an in-memory, lazy or stored dataset."""
     check_options(options, FieldOptions)
     radiator, length = checked_radiator(source, partly=True), checked_wavelength(wavelength)
     given = options.get("method", "wigner")
@@ -209,7 +209,7 @@ def _positions(grid: Grid) -> dict[str, Any]:
 
 @contextmanager
 def _warnings_once() -> Iterator[None]:
-    """Issue the warnings of a block at its end, without repetitions that differ only in numbers."""
+    """Issue the warnings of a ``with`` block at its end; omit those that differ only in numbers."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         yield
@@ -558,7 +558,7 @@ def _values(
     kind: Kind, source: PhaseSpaceSource, axes: Sequence[NDArray[np.float64]], how: Any,
     origin: Index, shape: Index,
 ) -> NDArray[Any]:  # fmt: skip
-    """Compute a block of the table of W or A, from the index ``origin``."""
+    """Compute the block of a table of W or A that starts at the index ``origin``."""
     parts = [a[o : o + n] for a, o, n in zip(axes, origin, shape, strict=True)]
     first, second = (
         np.stack(np.meshgrid(*pair, indexing="ij"), axis=-1) for pair in (parts[:2], parts[2:])
@@ -578,7 +578,7 @@ def _table_dataset(
     out: str | os.PathLike[str] | None,
     options: TableOptions,
 ) -> xarray.Dataset:
-    """Return W or A on a grid of four coordinates, in memory, lazy or stored.
+    """Return W or A on a grid of four coordinates as an in-memory, lazy or stored dataset.
 
     ``axes``, in this order: x, y, nu_x, nu_y for W; upsilon_x, upsilon_y, xi_x, xi_y for A.
     """

@@ -80,7 +80,7 @@ class Targets(NamedTuple):
 
 @dataclass(frozen=True)
 class EdgeSum:
-    """A source, the edges visible from it, and its interpolation nodes."""
+    """A source, the edges visible from the source, and its interpolation nodes."""
 
     bodies: Obstacles
     points: Sequence[RadiatingPoint]
@@ -144,16 +144,19 @@ class EdgeSum:
 
     @property
     def views(self) -> list[tuple[Floats, Floats]]:
-        """Position (3,) of each near node, and the edges (m, 2, 3) visible from it."""
+        """Position (3,) of each near node, and the edges (m, 2, 3) visible from this node."""
         return [(at, self.edges[row]) for at, row in zip(self.origins, self.sees, strict=True)]
 
     @cached_property
     def _is_oblique(self) -> bool:
-        """Whether edge waves have an obliquity term, because a source point has a field weight."""
+        """Whether edge waves have an obliquity term.
+
+        They have an obliquity term if a source point has a field weight.
+        """
         return any(point.field for point in self.points)
 
     def change(self, targets: Targets, rule: EdgeRule) -> tuple[Complex, Complex]:
-        """Return the change of the field by the obstacles at n targets, and the free field.
+        """Return the change of the field due to the obstacles at n targets, and the free field.
 
         Both arrays have the shape (n,).
         """
@@ -165,7 +168,7 @@ class EdgeSum:
         return change, free
 
     def _near_waves(self, targets: Targets, rule: EdgeRule) -> tuple[Complex, Complex]:
-        """Return the change of the field by shadows and near edges, and the free field.
+        """Return the change of the field due to shadows and near edges, and the free field.
 
         Both arrays have the shape (n,).
         """
@@ -201,7 +204,7 @@ class EdgeSum:
         return change, free
 
     def _shadow(self, k: int, targets: Targets) -> Floats:
-        """Return -1 at points (n,) in the shadow of the near node k, 0 at other points."""
+        """Return -1 at points (n,) in the shadow of the near node k, and 0 at other points."""
         by_angles, origin = targets.by_angles, self.origins[k]
         shadow = np.zeros(len(by_angles))
         edges = self.edges[self.sees[k]].reshape(-1, 6)
@@ -268,7 +271,10 @@ class EdgeSum:
 
 
 def _blocks(count: int, width: int) -> list[Indices]:
-    """Divide the indices from 0 to count - 1 into blocks that limit arrays of ``width`` columns."""
+    """Divide the indices from 0 to ``count`` - 1 into blocks for arrays of ``width`` columns.
+
+    The blocks limit the size of the arrays.
+    """
     return np.array_split(np.arange(count), 1 + count * width // _PAIRS)
 
 
@@ -311,7 +317,7 @@ def _sample_counts(edges: Floats, nodes: Interpolation, positions: Floats, error
 
 
 def _slope(along: Point, end: Point, point: Point) -> Number:
-    """Return the derivative along an edge of the distance from a point, times the edge length.
+    """Return the edge length times the derivative, along the edge, of the distance from a point.
 
     ``along`` is the vector of the edge, and ``end`` is the end of the edge at which the derivative
     is taken.
@@ -344,8 +350,9 @@ def _near_weight(
 def _change(rule: EdgeRule, ops: Any, _: Point, sample: Point, shared: Point) -> Values:
     """Return the real and imaginary part of the change of a node's wave by an edge.
 
-    ``sample`` contains the node, the ends of the edge, the point and the displaced point. It also
-    contains the wave of the node at the point and, if it is not zero, the dipole.
+    ``sample`` contains the node, the ends of the edge, the point and the displaced point.
+    ``sample`` also contains the wave of the node at the point and, if it is not zero, the dipole of
+    the node.
     """
     origin, start, end, point, aside = (sample[k : k + 3] for k in (0, 3, 6, 9, 12))
     dipole = Pair(*sample[17:19]) if len(sample) > 17 else None
@@ -366,7 +373,7 @@ def _far_wave(width: int, ops: Any, row: Point, point: Point, shared: Point) -> 
     """Return the wave of one edge sample, summed over several nodes (SB8).
 
     The results are the real and the imaginary part of the wave. ``width`` is the number of values
-    for each node, which are its direction, wave, and optionally dipole. ``shared`` contains the
+    for each node: its direction, its wave, and optionally its dipole. ``shared`` contains the
     smallest detour of far edges, and the centre of the source.
     """
     at, tangent, start, end = (row[k : k + 3] for k in (0, 3, 6, 9))

@@ -204,7 +204,7 @@ def _cartesian(theta: Floats, phi: Floats, polar: Complex, azimuthal: Complex) -
 
 
 def covers_front(theta: Floats, phi: Floats) -> bool:
-    """Return whether angles theta and phi in rad cover the front hemisphere in even steps.
+    """Return whether angles theta and phi in rad cover the front hemisphere in equal steps.
 
     Both angles must ascend. Theta must start at 0, and phi must cover the full circle without a
     repeated angle.
@@ -243,7 +243,8 @@ def polar_components(x: Complex, y: Complex, phi: Floats) -> tuple[Complex, Comp
 def element_pattern_of(pattern: Any, name: str = "element") -> ElementPattern:
     """Return the pattern of a polarised source as an interpolated far field.
 
-    Raises ArgumentError for other datasets, and if the angles do not cover the front evenly.
+    Raises ArgumentError for other datasets, and if the angles do not cover the front hemisphere in
+    equal steps.
     """
     theta, phi, x, y, _ = linear_components(pattern, name)
     # The columns phi = 0 and 360 degrees are the same meridian.
@@ -288,8 +289,8 @@ def fit_pattern(
 
     The fit minimises the power, over the hemisphere, of the difference between the pattern and the
     far field of the aperture. Singular values below ``cut_off`` are discarded. The spatial
-    frequencies of the plane waves form a lattice up to 1/wavelength plus the reciprocal of the
-    outline's extent. The sum of the waves has a period of 1.25 times this extent.
+    frequencies of the plane waves form a lattice. The largest frequency is 1/wavelength plus the
+    reciprocal of the outline's extent. The sum of the waves has a period of 1.25 times this extent.
 
     Parameters
     ----------

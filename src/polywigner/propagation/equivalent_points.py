@@ -76,7 +76,7 @@ def equivalent_grid(
 
     Nodes are added until the error of the squared far field within ``sines`` is at most ``error``
     times its peak. Returns None if ``allowed`` rejects the numbers of nodes, if the largest number
-    is not enough, or if the source has no far field.
+    of nodes is not sufficient, or if the source has no far field.
     """
     half = (radiator.high - radiator.low) / (2 * wavelength)
     centres, widths = np.mean(sines, axis=1), np.ptp(sines, axis=1) / 2
@@ -104,7 +104,7 @@ def equivalent_grid(
 
 
 def _numbers_of_nodes(cycles: float, error: float) -> list[int]:
-    """Return ascending numbers of Gauss nodes to try, for ``cycles`` of phase along half a side."""
+    """Return ascending numbers of Gauss nodes to try, for ``cycles`` cycles along half a side."""
     # The last numbers of nodes resolve any field on the source.
     uniform = math.ceil(3.0 * cycles) + math.ceil(-0.7 * math.log10(error) * cycles ** (1 / 3)) + 1
     numbers = [uniform + more for more in _MORE_OF_UNIFORM]
@@ -205,7 +205,8 @@ def sines_towards(low: Floats, high: Floats, boxes: Floats) -> Sines:
 def spherical_wave(ops: Any, ahead: Point, cycles: Any = None) -> Pair:
     """Return the spherical wave ``exp(2 pi i R)/(i R)``, where R is the length of ``ahead``.
 
-    Lengths are in wavelengths. ``cycles`` replaces R in the phase if it is known more accurately.
+    Lengths are in wavelengths. ``cycles`` replaces R in the phase if the number of cycles is known
+    more accurately than R.
     """
     distance = ops.sqrt(sum(a * a for a in ahead))
     c, s = cos_sin_cycles(ops, distance if cycles is None else cycles)
@@ -239,7 +240,7 @@ class RadiatingPoint(NamedTuple):
 
     @property
     def weights(self) -> list[tuple[float, float]]:
-        """Real and imaginary parts of both weights."""
+        """Real and imaginary parts of the weights of the field and of its normal derivative."""
         return [(self.field.real, self.field.imag), (self.slope.real, self.slope.imag)]
 
     @property

@@ -197,8 +197,8 @@ def _checked_unit(
     """Return the unit of a column.
 
     Decibels are allowed if ``db`` is true, and required if ``default`` is in dB. Without a text,
-    ``default`` is returned. Raises FileFormatError for other units, and if there is neither a text
-    nor a default.
+    ``default`` is returned. Raises FileFormatError for other units, and if neither a text nor a
+    default is specified.
     """
     if text is None or not text.strip():
         if default is None:
@@ -263,7 +263,7 @@ def numbers_of(lines: Sequence[str], first: int, columns: int) -> Floats:
     """Return the numbers in lines of text as an array (n, columns).
 
     ``first`` is the number of the first line, for error messages. Raises FileFormatError if a line
-    has another number of columns or contains other text, or if there are no numbers.
+    does not contain ``columns`` numbers, or if all lines are blank.
     """
     return _number_table([line.split() for line in lines], first, columns)
 
@@ -341,7 +341,7 @@ def _field_of(name: str, cells: Cells) -> tuple[Complex, list[Column]]:
 def _compare(fields: Complex, repeated: list[tuple[Column, Floats]], sources: set[str]) -> None:
     """Raise FileFormatError if a column of magnitudes contradicts the field components.
 
-    Columns of quantities other than ``sources`` may differ by a constant factor, such as the
+    Columns of quantities that are not in ``sources`` may differ by a constant factor, such as the
     radiated power.
     """
     squares = np.square(np.abs(fields)) / (2 * FREE_SPACE)

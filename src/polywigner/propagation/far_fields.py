@@ -147,7 +147,7 @@ def radiated_power(
 
 
 def check_slopes(source: PlaneSource | Wavefront, name: str) -> None:
-    """Raise ArgumentError for a Wavefront and an obliquity that requires normal derivatives."""
+    """Raise ArgumentError for a Wavefront with an obliquity that requires normal derivatives."""
     if isinstance(source, Wavefront) and OBLIQUITIES[name].needs_normal_derivative:
         raise ArgumentError(
             f"obliquity {name!r} is not available for curved waves and partially coherent light, "
@@ -309,7 +309,7 @@ _MOST_REFINED = 256
 def _near_peak(
     points: Floats, values: Floats, step: Floats, width: Floats
 ) -> tuple[Floats, Floats]:
-    """Return samples that may lie next to the largest peak, in descending order of values.
+    """Return samples that may lie next to the largest peak, in descending order of their values.
 
     Points have the shape (n, 2), and values have the shape (n,). The product of ``step`` and
     ``width`` (source width in wavelengths) is at most 1/2.
@@ -447,7 +447,7 @@ def steered_direction(
 ) -> tuple[float, float] | None:
     """Return theta and phi in rad to which a source is steered, or None if unknown.
 
-    The direction is known for an array whose phases are linear apart from signs, and for an
+    The direction is known for an array with linear phases (except for sign changes), and for an
     aperture with a real taper times a plane wave. The angles of ``beam`` select one of several
     grating lobes.
     """
@@ -473,8 +473,8 @@ def _phase_slope(
 ) -> Values | None:
     """Return the direction cosines (2,) to which the weights of an array are steered, or None.
 
-    The phases must be linear apart from signs. The direction cosines ``near`` (2,) select one of
-    several grating lobes.
+    The phases must be linear, except for sign changes. The direction cosines ``near`` (2,) select
+    one of several grating lobes.
     """
     if len(weights) < 2:
         return None

@@ -93,7 +93,7 @@ def irradiance(
 ) -> Floats:
     """Return the irradiance |U|^2 at points in front of a source.
 
-    Wigner rays, the method of the paper, are an approximation to leading order: each midpoint of
+    Wigner rays, the method of the paper, are an approximation to leading order. Each midpoint of
     two source points sends one ray to each point, with the Wigner function as radiance (R1). All
     other methods square the field of :func:`amplitude`. The irradiance does not include the cosine
     of the angle between the ray and the normal of a receiver.

@@ -249,8 +249,8 @@ def _degrees(channels: Sequence[Channel], lags: Floats, width: float, wavelength
     """Return the degrees of coherence (a, b, n) of channels a and b at lags xi (n, 2).
 
     The degrees are means of ``p_a conj(p_b) exp(2 pi i t.xi)`` over tilts t. The factor p is 1 for
-    the field, and the direction cosine p_z of the tilted wave for a normal derivative. Two values
-    of the field have the degree of coherence exp(-|xi|^2/(2 width^2)).
+    the field, and the direction cosine p_z of the tilted wave for a normal derivative. For two
+    values of the field, the degree of coherence is exp(-|xi|^2/(2 width^2)).
     """
     if all(channel is None for channel in channels):
         return np.exp(-0.5 * (lags**2).sum(axis=1) / width**2).astype(complex)[None, None]
@@ -386,7 +386,7 @@ def node_counts(cells: Cells, rates: Floats, error: float, nearest: float = math
     """Return the numbers of quadrature nodes along both sides of each cell, shape (n, 2).
 
     ``rates``, shape (2,) or (n, 2), contains the highest frequencies of the integrand along x and y
-    in 1/m. ``nearest`` is the distance of the poles of the integrand in m.
+    in 1/m. ``nearest`` is the distance in m of the nearest pole of the integrand.
     """
     origin, first, second, last = cells.transpose(1, 0, 2)
     sides = np.abs([[first - origin, last - second], [second - origin, last - first]])
@@ -398,7 +398,7 @@ def node_counts(cells: Cells, rates: Floats, error: float, nearest: float = math
 
 
 def largest_rates(source: Wavefront, points: Floats, wavelength: float) -> Floats:
-    """Return the highest frequencies [1/m] along x and y of the field times the wave to a point.
+    """Return the highest frequencies [1/m] along x and y of the field times a wave to a point.
 
     The result has the shape (n, 2) for n points.
     """

@@ -49,7 +49,7 @@ def partly_coherent_irradiance(
     system: FirstOrder | None,
     error: float,
 ) -> Floats | None:
-    """Return irradiances and errors (2, n), or None if separate fields of all tilts are faster.
+    """Return irradiances and errors (2, n), or None if a separate field for each tilt is faster.
 
     Points have the shape (n, 2) behind a first-order system, otherwise (n, 3). ``error`` is
     relative to the largest irradiance.
@@ -161,7 +161,7 @@ def _blur_of(source: Wavefront, transfer: Floats, wavelength: float) -> _Blur:
 def _convolution(
     points: Floats, blur: _Blur, error: float
 ) -> tuple[Floats, Callable[[Floats], Floats]] | None:
-    """Return m nodes (m, 2), and a function from values (k, m) at the nodes to means (k, n).
+    """Return m nodes (m, 2), and a function that maps values (k, m) at the nodes to means (k, n).
 
     The rule is either a trapezoidal rule on a common lattice, or a Gauss-Hermite rule about each
     point, whichever has fewer nodes. The result is None if both have too many nodes.
@@ -222,8 +222,8 @@ def _lattice_axis(along: Floats, spread: float, extent: float, steps: float) -> 
     """Return lattice nodes along an axis, and normal weights of the nodes near each point.
 
     ``along`` (n,) contains the coordinates of the points, and ``extent`` is the extent of the
-    source in coherence widths. The weights extend to ``steps`` standard deviations ``spread``, and
-    the error is exp(-steps^2/2).
+    source in coherence widths. The weights extend to ``steps`` times the standard deviation
+    ``spread``, and the error is exp(-steps^2/2).
     """
     # The irradiance is band-limited to extent/(2 pi spread), so the aliasing error is
     # exp(-steps^2/2).
@@ -306,7 +306,7 @@ class _TiltSum(NamedTuple):
 def _in_spherical_waves(
     source: Wavefront, points: Floats, wavelength: float, condition: Obliquity, error: float
 ) -> Floats | None:
-    """Return the irradiance at points (n, 3), or None if boundary integrals are fastest.
+    """Return the irradiance at points (n, 3), or None if boundary integrals are the fastest method.
 
     The other methods are sums over tilts (Q7) and over pairs of points (PC11).
     """
@@ -384,8 +384,8 @@ def _spectra(rule: _TiltSum, points: Floats, counts: Sequence[Indices]) -> Compl
     """Return integrals over the source, with axes (channel, t_x, t_y, point).
 
     The first half of a tilt axis contains the factors cos(2 pi x t) for t >= 0, and the second half
-    the factors sin(2 pi x t). ``counts`` contains the numbers of rows of constant x and of nodes
-    per row, for each element and cell.
+    the factors sin(2 pi x t). For each element and cell, ``counts`` contains the number of rows of
+    constant x and the number of nodes per row.
     """
     along_x, along_y = rule.axes
     channels = len(rule.channels)
@@ -446,7 +446,7 @@ def _cosines_and_sines(x: Floats, axis: _TiltAxis) -> Floats:
 
 
 def _of_both_signs(sums: Complex, axis: int) -> Complex:
-    """Convert sums with cosines and sines to exp(2 pi i x t), with t in ascending order."""
+    """Convert sums with cosines and sines to sums with exp(2 pi i x t), in ascending order of t."""
     cosines, sines = np.split(sums, 2, axis=axis)
     sines = 1j * sines
     negative = np.flip(cosines - sines, axis).take(range(cosines.shape[axis] - 1), axis)

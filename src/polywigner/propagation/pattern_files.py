@@ -150,7 +150,7 @@ def read_pattern(path: str | os.PathLike[str], frequency: float | None = None) -
 
 
 def read_nearest_pattern(path: str | os.PathLike[str], frequency: float) -> xarray.Dataset:
-    """Read the pattern of a file at the frequency closest to ``frequency`` in Hz, however distant.
+    """Read the pattern of a file at the frequency closest to ``frequency`` in Hz, at any distance.
 
     A file without a frequency is read as a pattern at ``frequency``.
     """
@@ -180,7 +180,7 @@ def _read(
 def _at_frequency(
     tables: list[FarFieldTable], frequency: float | None, tolerance: float
 ) -> FarFieldTable:
-    """Return the far field nearest to a frequency in Hz, or the only one for None.
+    """Return the far field nearest to a frequency in Hz, or for None the only far field.
 
     A table without a frequency is returned with this frequency. Raises FileFormatError if the
     relative difference exceeds ``tolerance``.
@@ -298,7 +298,7 @@ def _gridded(theta: Floats, phi: Floats, fields: Complex) -> tuple[Floats, Float
 
 
 def _radiated_power(table: FarFieldTable, integral: float) -> float:
-    """Return the radiated power in W from the directivity in a file, by default ``integral``."""
+    """Return the radiated power in W from the directivity in a file, or by default ``integral``."""
     squares = np.square(np.abs(table.fields)).sum(axis=0)
     peak = int(squares.argmax())
     strongest = float(squares[peak]) / (2 * FREE_SPACE)
@@ -400,7 +400,7 @@ _AXIAL_RATIO = 40.0
 
 @dataclass(frozen=True)
 class _Pattern:
-    """A pattern with the angles, units and phases of files."""
+    """A pattern with the angles, units and phase convention of pattern files."""
 
     theta: Floats
     """Angles theta in degrees, shape (n,)."""
@@ -494,7 +494,7 @@ def write_pattern(
 
 
 def _file_pattern(pattern: Any, polarisation: Any, efficiency: float) -> _Pattern:
-    """Return a pattern in the form of files; raise ArgumentError for invalid arguments."""
+    """Return a pattern in the form of pattern files; raise ArgumentError for invalid arguments."""
     checked_pattern(pattern)
     if "field" not in pattern:
         raise ArgumentError(

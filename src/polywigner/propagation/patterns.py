@@ -315,7 +315,7 @@ def decibels(intensity: Values, power: float) -> Values:
 
 
 def _discrimination(co: Values, cross: Values) -> Values:
-    """Return the ratio of co- to cross-polar field in dB; infinite without cross-polar field."""
+    """Return the ratio of co- to cross-polar field in dB; infinite if the latter is zero."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(20 * np.log10(np.abs(co) / np.abs(cross)))
 

@@ -87,7 +87,7 @@ _LEAST = 1e-13
 
 
 def checked_coordinates(points: Any, expected: str, components: int) -> Floats:
-    """Return finite coordinates (..., components) in m; errors start with ``expected``."""
+    """Return finite coordinates (..., components) in m; error messages start with ``expected``."""
     return finite_array(points, f"{expected}, in metres", (..., components))
 
 
@@ -151,7 +151,7 @@ class Grid:
         return tuple(axis.size for axis in self.coords.values())
 
     def points(self, first: Index, shape: Index) -> Floats:
-        """Return a block of points in m, shape (*shape, 3), from the index ``first``."""
+        """Return the block of points in m that starts at the index ``first``, shape (*shape, 3)."""
         axes = zip(self.coords.values(), first, shape, strict=True)
         return self.points_at(*(axis.values[start : start + count] for axis, start, count in axes))
 
@@ -171,7 +171,7 @@ def _spherical(centre: Floats, radius: float, theta: Floats, phi: Floats) -> Flo
 
 
 def box_grid(box: Any, shape: Any) -> Grid:
-    """Return a grid over x, y and z in a box, faces included.
+    """Return a grid over x, y and z in a box, including the faces of the box.
 
     ``box`` (2, 3) contains the lowest and the highest corner in m, with z > 0. ``shape`` contains
     the numbers of points along the three axes.
@@ -188,11 +188,11 @@ def box_grid(box: Any, shape: Any) -> Grid:
 
 
 def plane_grid(where: Any, shape: Any) -> Grid:
-    """Return a grid on a rectangle with z > 0, specified by a flat box or by three corners, in m.
+    """Return a grid on a rectangle with z > 0 that is specified by a flat box or by three corners.
 
-    The axes are two of x, y and z for a box (2, 3). For corners (3, 3), the axes are the distances
-    u and v from the first corner towards the second and the third corner. ``shape`` contains the
-    numbers of points along both axes.
+    For a box (2, 3), the axes are two of x, y and z. All lengths are in m. For corners (3, 3), the
+    axes are the distances u and v from the first corner towards the second and the third corner.
+    ``shape`` contains the numbers of points along both axes.
     """
     expected = "expected a plane as a box (2, 3) of zero thickness, or as three corners (3, 3)"
     corners = finite_array(where, f"{expected}, in metres", (2, 3), (3, 3))
@@ -223,7 +223,7 @@ def plane_grid(where: Any, shape: Any) -> Grid:
 def line_grid(ends: Any, samples: Any) -> Grid:
     """Return a grid of points along a line, over the distance in m from its first end.
 
-    ``ends`` (2, 3) are in m. ``samples`` is the number of points, both ends included.
+    ``ends`` (2, 3) are in m. ``samples`` is the number of points, including both ends.
     """
     start, end = _corners("line", ends, "first and the last")
     length = float(np.linalg.norm(end - start))
@@ -280,7 +280,7 @@ def _corners(name: str, corners: Any, which: str) -> Floats:
 
 
 def _counts(shape: Any, dimensions: int) -> Index:
-    """Return numbers of points; raise ArgumentError unless there is one for each dimension."""
+    """Return numbers of points; raise ArgumentError unless each dimension has one number."""
     is_row = isinstance(shape, Sequence) or np.ndim(shape) == 1
     if not is_row or isinstance(shape, (str, bytes)) or len(shape) != dimensions:
         raise ArgumentError(f"expected shape to be {dimensions} integers, got {value_text(shape)}")

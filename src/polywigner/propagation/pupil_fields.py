@@ -131,7 +131,7 @@ class _Derivatives:
     error: float
 
     def _sums(self, factors: Callable[[Floats, Floats], Floats] | None = None) -> Iterator[Complex]:
-        """Yield the Fourier transforms of unweighted elements times factors, as element_sums."""
+        """Yield Fourier transforms of unweighted elements times factors, as in `element_sums`."""
         band = band_of(self.nu)
         return element_sums(self.pupil, self.nu, band, self.extra, self.error, factors)
 

@@ -43,7 +43,7 @@ _PAIRS = 1 << 15
 def spherical_field(source: Position | Floats, points: Floats, wavelength: float) -> Complex:
     """Return the spherical wave ``exp(ikR)/R`` (n,) of a point source (3,) at points (n, 3).
 
-    Lengths and wavelength have the same unit.
+    All lengths, including the wavelength, have the same unit.
     """
     distance = np.linalg.norm(points - source, axis=1)
     return np.asarray(waves_of_cycles(distance / wavelength) / distance)
@@ -55,7 +55,7 @@ def waves_through(
     """Return the field (n,) of a point source behind an opening, and its error (B9).
 
     The opening lies at z = 0, and the source, with the field exp(ikR)/R, at z < 0. Lengths are in
-    m, and the field is in 1/m. ``mirrored`` is the factor -1, 0 or 1 of the edge waves of the
+    m, and the field is in 1/m. ``mirrored`` is the factor, -1, 0 or 1, of the edge waves of the
     source's mirror image.
     """
     begin, end = (points / wavelength for points in edges_of_rings(opening.rings))
@@ -92,7 +92,10 @@ def waves_through(
 
 
 def _on_corner_lines(corners: Floats, source: Floats, points: Floats) -> NDArray[np.bool_]:
-    """Return a mask of points (n, 3) close to a line from the source through a corner (k, 2)."""
+    """Return a mask of points (n, 3) that are close to a line from the source through a corner.
+
+    The corners have the shape (k, 2).
+    """
     near = np.zeros(len(points), np.bool_)
     away = points - source
     lengths = np.linalg.norm(away, axis=1)

@@ -104,7 +104,7 @@ def shadow_of(
     with_error: bool = False,
     edge: Edge = "black",
 ) -> tuple[Complex, NDArray[np.bool_], Floats]:
-    """Return the change of the field, total minus free, at points (n, 3) in m due to obstacles.
+    """Return the change of the field due to obstacles, total minus free, at points (n, 3) in m.
 
     Also return a mask of the points inside bodies, where the total field is zero, and the estimated
     errors (n,), which are zero unless ``with_error`` is true. ``bodies`` are in wavelengths. Raises
@@ -142,7 +142,7 @@ def diffracted(
     tolerance: float = DEFAULT_TOLERANCE,
     is_sheet: bool = False,
 ) -> tuple[Complex, Complex, Floats]:
-    """Return the change by bodies, the free field and the error (n,) at positions (n, 3).
+    """Return the change due to bodies, the free field and the error (n,) at positions (n, 3).
 
     All lengths are in wavelengths. ``seen`` contains the silhouette for each source point. If
     ``is_sheet`` is true, the edges belong to a conducting sheet. The error is zero unless
@@ -173,11 +173,11 @@ def diffracted(
 def _near_corners(
     views: Sequence[tuple[Floats, Floats]], positions: Floats
 ) -> tuple[NDArray[np.bool_], Floats]:
-    """Return a mask (n,) of points in line with a source and a corner, and steps off the line.
+    """Return a mask (n,) of points in line with a source and a corner, and steps from the line.
 
     The second result contains one step (3,) in wavelengths for each masked point. ``views``
     contains the positions (3,) of sources and the edges (m, 2, 3) visible from them. On the line,
-    the derivatives (SB5) of both edge waves diverge, and their sum loses digits.
+    the derivatives (SB5) of the waves of both adjacent edges diverge, and their sum loses digits.
     """
     near = np.zeros(len(positions), bool)
     for origin, edges in views:
@@ -238,7 +238,7 @@ class _Edges:
         seen: Sequence[Silhouette],
         positions: Floats,
     ) -> _Edges:
-        """Return the silhouette edges of all source points, and the positions to compute."""
+        """Return the silhouette edges of all source points, and the field positions."""
         centre = np.mean([point.position for point in sources], axis=0)
         blocked = blocked_edges(bodies, seen, centre)
         group = np.concatenate(blocked.groups)
@@ -282,10 +282,10 @@ def _summed(
     coarser: EdgeRule | None = None,
     is_sheet: bool = False,
 ) -> tuple[Complex, Complex, Floats]:
-    """Return the change of the field by bodies, the free field and the error at the targets.
+    """Return the change of the field due to bodies, the free field and the error at the targets.
 
     The error is zero without a ``coarser`` rule. ``few`` is a faster sum over a few nodes of the
-    source, or None if it is not available.
+    source, or None if no faster sum is available.
     """
     if few is not None:
         change, free = few.change(edges.targets, rule)
@@ -322,7 +322,7 @@ def _summed(
 
 
 def _resolution(ends: Floats, sources: Floats, points: Floats) -> Floats:
-    """Return the lengths (n,) at points (n, 3) that are as small as rounding errors.
+    """Return the length scale (n,) of rounding errors at points (n, 3).
 
     ``ends`` (m, 3) of edges and ``sources`` (k, 3) have the same unit.
     """
@@ -535,7 +535,7 @@ def blocked_edges(bodies: Obstacles, seen: Sequence[Silhouette], source: Floats)
 
 
 def shadow_lines(table: Floats) -> Floats:
-    """Return the shadows (k, 17) that edges cast on the faces behind them, with exchanged ends.
+    """Return the shadows (k, 17) that edges cast on the faces behind them; ends are exchanged.
 
     The rows of ``table`` (k, 17) have the format of ``_Edges.groups``.
     """
@@ -558,8 +558,8 @@ def _blocker(
     """Return the surface of bodies behind a plane, seen from the midpoint of an edge.
 
     ``numbers`` and ``flush`` are indices of bodies. The adjoining bodies in ``flush`` continue the
-    plane, and slits between them are closed. ``plane`` (4,) contains the unit normal and the
-    offset.
+    plane, and slits between these bodies are closed. ``plane`` (4,) contains the unit normal and
+    the offset.
     """
     if len(flush):
         nearer = plane - [0.0, 0.0, 0.0, bodies.contact]
@@ -578,6 +578,6 @@ def _blocker(
 
 
 def _in_plane(surface: Surface, plane: Floats, within: float) -> Surface:
-    """Return the triangles of a surface whose corners lie within ``within`` of a plane (4,)."""
+    """Return surface triangles with all corners at most ``within`` away from a plane (4,)."""
     height = np.abs(surface.corners @ plane[:3] + plane[3]).max(axis=1)
     return surface.subset(height <= within)

@@ -50,7 +50,7 @@ _BLOCK = 1 << 21
 
 @dataclass(frozen=True)
 class SourceNodes:
-    """Nodes of a source, and the equivalent points that they replace."""
+    """Nodes of a source, and the equivalent points that the nodes replace."""
 
     points: Sequence[RadiatingPoint]
     positions: Floats
@@ -88,7 +88,7 @@ class SourceNodes:
         """Return the waves (q, k + 1) of nodes at points (q, 3), relative to unit spherical waves.
 
         The last column is the wave of the entire source relative to a unit wave from its centre.
-        Also return the detours (q,) above which this column is accurate enough.
+        Also return the detours (q,) above which the last column is accurate enough.
         """
         parts, detours = zip(*map(self._waves_at, self.blocks_of(targets)), strict=True)
         return np.concatenate(parts), np.concatenate(detours)
@@ -148,7 +148,7 @@ class SourceNodes:
 
 
 def _unit_waves(targets: Floats, starts: Floats) -> Complex:
-    """Return the spherical waves (q, k) from k starting points at q positions."""
+    """Return the spherical waves (q, k) at q positions from k starting points."""
     waves = [spherical_wave(NumpyOperations(), tuple((targets - start).T)) for start in starts]
     return np.stack([wave.real + 1j * wave.imag for wave in waves], axis=1)
 
@@ -240,8 +240,8 @@ EdgeWave = Callable[[Floats, Floats], NDArray[Any]]
 def _relative_to_observer(detour: float, curvature: float = 0.0) -> EdgeWave:
     """Return a function that computes the edge wave relative to the wave at the observation point.
 
-    The function holds in the far field. ``detour`` is in wavelengths. ``curvature`` is the factor,
-    0 or 1, of the quadratic phase of the source coordinate.
+    The function is valid in the far field. ``detour`` is in wavelengths. ``curvature`` is the
+    factor, 0 or 1, of the quadratic phase of the source coordinate.
     """
 
     def wave(distance: Floats, at: Floats) -> Complex:
@@ -271,8 +271,8 @@ def _few_nodes(
 ) -> SourceNodes:
     """Return the smallest set of nodes whose interpolation error is allowed.
 
-    The result is ``every`` if no set is smaller. ``allowed`` contains the largest product of the
-    error and the distance of the edge for each number of nodes along an axis.
+    The result is ``every`` if no set is smaller. ``allowed`` contains, for each number of nodes
+    along an axis, the largest allowed product of the error and the distance of the edge.
     """
     numbers = []
     for at, sums in waves.axes:

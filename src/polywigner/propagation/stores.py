@@ -66,7 +66,7 @@ LARGEST_CHUNK = 1 << 22
 
 
 def required(*names: str) -> ModuleType:
-    """Import modules of the extra ``datasets``, and return the last one.
+    """Import modules of the extra ``datasets``, and return the last module.
 
     Raises MissingExtraError if a module is not installed.
     """
@@ -117,12 +117,12 @@ def results_on_grid(
     chunk_size: int = LARGEST_CHUNK,
     compiled: bool = True,
 ) -> xarray.Dataset:
-    """Return a dataset in memory, lazy with ``chunks``, or stored with ``out``.
+    """Return a dataset: by default in memory, lazy with ``chunks``, or stored with ``out``.
 
-    ``options`` contains StoreOptions and ``out``. ``block_size`` and ``chunk_size`` limit the
-    samples of a block in memory and of a stored chunk. If ``compiled`` is true, all threads work on
-    the same chunk; otherwise each thread computes its own chunk. Raises ArgumentError, StoreError,
-    EngineError or MissingExtraError.
+    ``options`` contains StoreOptions and ``out``. ``block_size`` limits the number of samples of a
+    block in memory, and ``chunk_size`` the number of samples of a stored chunk. If ``compiled`` is
+    true, all threads work on the same chunk. Otherwise, each thread computes a separate chunk.
+    Raises ArgumentError, StoreError, EngineError or MissingExtraError.
     """
     from polywigner import __version__
 
@@ -209,7 +209,7 @@ def _fill_store(
 ) -> None:
     """Compute the missing chunks of a store, which is created if necessary.
 
-    ``default`` is the dask scheduler that is used if the option ``scheduler`` is not specified.
+    ``default`` is the dask scheduler to use if the option ``scheduler`` is not specified.
     """
     scheduler, threads = options.get("scheduler"), options.get("threads")
     required("zarr", "dask")
@@ -388,7 +388,7 @@ def write_zarr(dataset: Stored, path: str | os.PathLike[str]) -> None:
 
 
 def _as_dataset(dataset: Stored) -> xarray.Dataset:
-    """Return a dataset, a data array or the store at a path as a dataset.
+    """Convert a dataset, a data array or the store at a path to a dataset.
 
     An unnamed data array becomes the variable ``values``. Raises ArgumentError for other objects,
     and StoreError if there is no store at the path.

@@ -107,7 +107,7 @@ def field(
 
     Equivalent currents in the plane replace the field u p on the source, where p is the
     polarisation (VP1). E is the electric field divided by the square root of twice the impedance of
-    free space, so that |E|^2, like |u|^2, is in W/m^2.
+    free space. Both |E|^2 and |u|^2 are therefore in W/m^2.
 
     Parameters
     ----------
@@ -240,7 +240,7 @@ def _near_field(
     errors, limits = np.zeros((2, len(points)))
 
     def integral(method: str, factor: Any) -> Complex:
-        """Return the integral Phi of (VP1) for SECOND, otherwise dPhi/dz/(ik), at all points.
+        """Return Phi of (VP1) at all points if ``method`` is SECOND, otherwise dPhi/dz/(ik).
 
         ``factor`` is a function of the direction cosines (m, 2) of the plane waves, and returns the
         factor of each wave.
@@ -464,7 +464,7 @@ def from_co_and_cross(co: Complex, cross: Complex, jones: Complex) -> tuple[Comp
 
 
 def axial_ratios(components: tuple[Complex, Complex]) -> Floats:
-    """Return axial ratios in dB, infinite for linear polarisation, NaN for a field of zero."""
+    """Return axial ratios in dB: infinite for linear polarisation, and NaN if the field is zero."""
     x, y = components
     right, left = np.abs(x - 1j * y), np.abs(x + 1j * y)
     with np.errstate(divide="ignore", invalid="ignore"):

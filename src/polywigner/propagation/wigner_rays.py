@@ -194,9 +194,10 @@ def _refined_sums(
 
     The allowed error is ``tolerance`` times the irradiance, or times ``floor`` (n,) if ``floor`` is
     larger. ``rate`` is the highest spatial frequency of the integrand in 1/m, and ``clearance``
-    (n,) contains the distances from the source in m. Because of the complex singularities of a
-    point at the distance d, a rule with node spacing h has a relative error of exp(-2 pi d/h). If
-    this error exceeds 1/e, two wrong rules may agree, so the estimated error is set to infinity.
+    (n,) contains the distances from the source in m. The integrand for a point at the distance d
+    has complex singularities. Therefore, a rule with node spacing h has a relative error of exp(-2
+    pi d/h). If this error exceeds 1/e, two inaccurate rules may agree, so the estimated error is
+    set to infinity.
     """
     values, errors = np.zeros(len(points)), np.full(len(points), np.inf)
     remaining = np.arange(len(points))
@@ -266,7 +267,7 @@ def _kinks(source: Aperture | Array) -> Floats | None:
 
 
 def _distinct(segments: Floats, grid: float) -> Floats:
-    """Round segments to a grid; drop segments of zero length and duplicates in either direction."""
+    """Round segments to a grid; drop duplicates in either direction and segments of zero length."""
     steps = np.rint(segments / grid)
     order = np.lexsort((steps[..., 1], steps[..., 0]), axis=1)
     steps = np.take_along_axis(steps, order[..., None], axis=1)

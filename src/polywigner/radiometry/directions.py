@@ -45,7 +45,7 @@ def checked_bandwidth(bandwidth: Any, wavelength: float) -> float:
 def wavelengths_of_band(
     wavelength: float, bandwidth: float, lag: float, error: float
 ) -> list[tuple[float, float]]:
-    """Return wavelengths in m and weights for a mean over a band of frequencies.
+    """Return wavelengths in m, and weights, for a mean over a band of frequencies.
 
     The band of ``bandwidth`` in Hz is centred at the frequency of ``wavelength``. ``lag``: size of
     the source in m. ``error``: allowed error of the mean. Raises ArgumentError for bands that are
@@ -165,7 +165,7 @@ def largest_lag(source: PlaneSource | Wavefront) -> float:
 
 
 def longest_path(source: PlaneSource | Wavefront) -> float:
-    """Return an upper bound on path differences in m, including curved waves and feed networks."""
+    """Return an upper bound in m on path differences, including curved waves and feed networks."""
     lag, flat = largest_lag(source), flat_source(source)
     paths = getattr(flat, "paths", None)
     if paths is not None:
@@ -193,8 +193,8 @@ def check_width(lag: float, wavelength: float) -> None:
 def directions_and_weights(lag: float, wavelength: float) -> Iterator[tuple[Floats, Floats]]:
     """Yield quadrature nodes on the hemisphere: unit vectors (n, 3) and solid angles (n,).
 
-    For a source of size ``lag`` in m, the rule integrates W or |F|^2, also multiplied by
-    polynomials in the vector components, with an error of 1e-14 of the largest value. The rule has
+    For a source of size ``lag`` in m, the rule integrates W or |F|^2 with an error of 1e-14 of the
+    largest value. The integrand may also contain polynomials in the vector components. The rule has
     about 15 (lag/wavelength)^2 nodes, at least a hundred. Raises ArgumentError for sources that are
     too large.
     """
@@ -320,7 +320,7 @@ _DARK = 1e-12
 
 
 def checked_powers(power: float, energy: float, wavelength: float) -> tuple[float, float]:
-    """Return the radiated power and the energy in W, unchanged.
+    """Return the radiated power and the energy in W unchanged.
 
     Raises IlluminationError if hardly any power is radiated.
     """

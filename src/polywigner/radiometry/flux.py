@@ -183,9 +183,9 @@ def flux_vector(
     """Return the flux vector of a source at positions x.
 
     The flux vector is ``J(x) = int L(x, s) s dOmega`` over the directions s with z > 0, where L is
-    the :func:`radiance`. J_z is the radiated power per area, to which only waves with
-    |nu| < 1/wavelength contribute (docs/radiometry.md, (E3)). J_z can be negative, and is not zero
-    outside the source. The components along the plane are zero for fields that are real up to a
+    the :func:`radiance`. J_z is the radiated power per area, to which only waves with |nu| <
+    1/wavelength contribute (docs/radiometry.md, (E3)). J_z can be negative, and is not zero outside
+    the source. The components of J along the plane are zero for fields that are real up to a
     constant phase. The formula in the paper lacks the z component of the direction.
 
     Parameters
@@ -237,7 +237,8 @@ def power(source: PlaneSource | Wavefront, wavelength: float, *, engine: Engine 
     """Return the power that a source radiates through a distant hemisphere.
 
     The power is the integral of :func:`radiant_intensity` over the hemisphere. The power equals the
-    integral of |u|^2 over the source without its evanescent part (docs/radiometry.md, (E4)).
+    integral of |u|^2 over the source minus the evanescent part of this integral
+    (docs/radiometry.md, (E4)).
 
     Parameters
     ----------
@@ -296,7 +297,7 @@ class EnergyBudget:
 
     @property
     def evanescent(self) -> float:
-        """Part of ``total`` at |nu| > 1/wavelength, which stays near the aperture."""
+        """Evanescent part of ``total``, with |nu| > 1/wavelength, which stays near the aperture."""
         return self.total - self.propagating
 
     @property

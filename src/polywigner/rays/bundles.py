@@ -51,8 +51,8 @@ def rays_dataset(
 ) -> xarray.Dataset:
     """Return positions (n, 3) in m, directions (n, 3) and weights (n,) in W of rays as a dataset.
 
-    ``batch`` (n,): index of the independent set of quasi-random numbers of each ray, None for
-    independent rays.
+    ``batch`` (n,): index of the set of quasi-random numbers to which each ray belongs, or None for
+    independent rays. The sets are independent.
     """
     import xarray
 
@@ -128,13 +128,13 @@ def checked_bundle(rays: Any) -> tuple[Floats, Floats, Floats, NDArray[Any] | No
 
 
 def count_of(rays: xarray.Dataset) -> int:
-    """Return the number of rays originally drawn, even if the dataset is a selection of them."""
+    """Return the number of rays originally drawn, even if the dataset contains only some rays."""
     count = rays.attrs.get("count", 0)
     return max(int(count) if isinstance(count, (int, np.integer)) else 0, rays.sizes["ray"])
 
 
 def _columns(count: int, *values: Any) -> tuple[Floats, Floats, Floats]:
-    """Return checked positions, directions and weights of ``count`` rays."""
+    """Check the positions, directions and weights of ``count`` rays, and return them as arrays."""
     columns = []
     for name, value, shape in zip(_VARIABLES, values, [(count, 3)] * 2 + [(count,)], strict=True):
         columns.append(real_array(value, f"expected {name} of shape {shape}", shape))
@@ -264,8 +264,8 @@ def rebuild(
 def _estimates(sums: Floats, squares: Floats, count: int) -> tuple[Floats, Floats]:
     """Return the total power of each pixel in W, and its standard error.
 
-    ``sums`` (batches, pixels): sums of weights. A single batch contains independent rays, for which
-    ``squares`` (pixels,) are the sums of squared weights. ``count``: number of rays that were
+    ``sums`` (batches, pixels): sums of weights. A single batch contains independent rays. In this
+    case, ``squares`` (pixels,) are the sums of squared weights. ``count``: number of rays that were
     drawn.
     """
     total = sums.sum(axis=0)
@@ -297,7 +297,7 @@ def _pixel_coordinates(
 
 
 def _plane_pose(plane: Any) -> Floats:
-    """Return the pose (4, 4) of a plane, specified by a pose or by its z in m."""
+    """Return the pose (4, 4) of a plane that is specified by a pose or by its z in m."""
     if shape_of(plane) == "()":
         pose = np.eye(4)
         pose[2, 3] = checked_number(plane, "plane", "a z coordinate in m, or a (4, 4) pose")
@@ -354,7 +354,7 @@ def save(
     Other programs expect positive powers, and may clip, ignore or reject negative ones; a warning
     reports the fraction of negative powers. With ``split`` two files with positive powers are
     written, NAME_positive.dat and NAME_negative.dat. Trace the rays of both files, and subtract the
-    irradiance of the second file from the irradiance of the first one.
+    irradiance of the negative file from the irradiance of the positive file.
 
     Parameters
     ----------

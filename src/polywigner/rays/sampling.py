@@ -57,12 +57,12 @@ def sample_automean(
 
     The automean is the set of positions x at which the Wigner function ``W(x, nu)`` can differ from
     zero. The mean of ``W(x, nu)/density`` over the positions is an unbiased estimate of the
-    integral ``int W dx = |F(nu)|^2``. The density is one divided by the area of the automean.
+    integral ``int W dx = |F(nu)|^2``. The density is the reciprocal of the area of the automean.
 
     Random numbers in the unit square are mapped to the automean with constant density. For this
     purpose, vertical lines divide the automean into trapezoids (docs/projections.md, (P14)). Points
-    that are close together in the unit square mostly remain close together, so stratified and
-    quasi-random points keep their properties.
+    that are close together in the unit square mostly remain close together. Stratified and
+    quasi-random points therefore keep their properties.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ _MOST_SAMPLES = 1 << 28
 
 
 def _checked_numbers(samples: Any, columns: int, seed: Any) -> Floats:
-    """Return random numbers (n, columns), or check numbers that the caller specifies."""
+    """Draw random numbers (n, columns), or check and return numbers from the caller."""
     if isinstance(samples, int | np.integer) and not isinstance(samples, bool):
         count = checked_count(samples, "samples", 1, _MOST_SAMPLES)
         return checked_generator(seed).random((count, columns))
@@ -212,7 +212,7 @@ def _root_of_ratio(numerator: Floats, divisor: Floats, limit: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Cone:
-    """Cone of ray directions, which may be concentrated in a narrower beam."""
+    """Cone of ray directions; the directions may be concentrated in a narrower beam."""
 
     frame: Floats
     """Rotation matrix with the axis in its last column, shape (3, 3)."""
@@ -256,9 +256,9 @@ class Cone:
 def cone_of(half_angle: Any, axis: Any, width: float) -> Cone:
     """Return a cone of directions, by default the hemisphere.
 
-    ``half_angle`` is in rad, None for pi/2. ``axis`` (3,) is a unit vector, and ``width`` is the
-    sine of the beam's half width, infinite for uniform directions. Raises ArgumentError for cones
-    that extend behind the source.
+    ``half_angle`` is in rad, and None stands for pi/2. ``axis`` (3,) is a unit vector. ``width`` is
+    the sine of the beam's half width, or infinite for uniform directions. Raises ArgumentError for
+    cones that extend behind the source.
     """
     meaning = "a half angle in rad, above 0 and up to pi/2"
     angle = math.pi / 2
@@ -291,8 +291,8 @@ def _concentrated(plane: Floats, core: float, centre: Floats | None) -> tuple[Fl
     Weights (n,) are inverse densities relative to the uniform density. The density is proportional
     to ``1/(core + t)``, where t is the squared distance from the centre. W of a polygon decays
     similarly. The integral of the density, ``ln(1 + t/core)``, is inverted along lines from the
-    centre. ``centre`` (n, 2): None for the centre of the disc. An infinite ``core`` returns the
-    points unchanged.
+    centre. ``centre`` (n, 2): centres, or None for the centre of the disc. An infinite ``core``
+    returns the points unchanged.
     """
     square = (plane**2).sum(axis=1)
     if math.isinf(core):
@@ -307,8 +307,8 @@ def _concentrated(plane: Floats, core: float, centre: Floats | None) -> tuple[Fl
 def _squared_reach(plane: Floats, centre: Floats) -> Floats:
     """Return squared distances from centres to the unit circle in the directions ``plane``.
 
-    Directions and centres have the shape (n, 2). Directions have any length, and centres lie in the
-    unit disc.
+    Directions and centres have the shape (n, 2). Directions may have any length, and centres must
+    lie in the unit disc.
     """
     length = np.hypot(*plane.T)
     along = np.divide(
@@ -484,7 +484,7 @@ def sample_rays(
 
 
 def _with_pose(source: Any, to_world: Any) -> tuple[PlaneSource | Wavefront, Floats]:
-    """Return the source in its plane, and its pose in the world, shape (4, 4).
+    """Return the source in its plane, and the pose (4, 4) of the source in the world.
 
     Raises ArgumentError if both the source and ``to_world`` specify a pose.
     """

@@ -46,7 +46,7 @@ _MOST_CACHED = 256
 
 
 class Cells:
-    """A source divided into a tree of cells; a cell is the part of the source in a rectangle.
+    """A source divided into a tree of cells; a cell is the part of the source inside a rectangle.
 
     Cell 0 is the entire source. Other cells are created on demand. Positions are in wavelengths
     from the centre of the bounding box.
@@ -330,7 +330,7 @@ def _nodes(cells: Cells, numbers: Indices, order: int) -> tuple[Floats, Floats]:
 
 
 def _contracted(left: Complex, real: Floats, imag: Floats, right: Complex) -> Complex:
-    """Return ``sum_ij left_i K_ij right_j`` for each pair, with ``K = real + i imag``."""
+    """Return ``sum_ij left_i K_ij right_j`` for each pair, where ``K = real + i imag``."""
     columns = np.stack([right.real, right.imag], axis=2)
     of_real, of_imag = real @ columns, imag @ columns
     inner = of_real[..., 0] - of_imag[..., 1] + 1j * (of_real[..., 1] + of_imag[..., 0])
@@ -379,8 +379,8 @@ def link_sums(links: Links, tolerance: float, floor: Floats) -> tuple[Complex, F
     """Return ``int int u_t K u_r`` for n poses, and the estimated and allowed errors.
 
     Values are in square wavelengths. The phase due to the distance is omitted. The allowed error is
-    ``tolerance`` times the modulus or times ``floor`` (n,), whichever is larger. Raises
-    ArgumentError for computations that would take more than several minutes.
+    ``tolerance`` times the larger of the modulus and ``floor`` (n,). Raises ArgumentError for
+    computations that would take more than several minutes.
     """
     count = len(links.offset)
     first = np.zeros(count, np.intp)
@@ -407,7 +407,10 @@ def link_sums(links: Links, tolerance: float, floor: Floats) -> tuple[Complex, F
 
 
 def _to_refine(parts: Pairs, allowed: Floats) -> NDArray[np.bool_]:
-    """Return a mask of pairs to refine; all other errors add up to at most ``allowed`` per pose."""
+    """Return a mask of pairs to refine.
+
+    The errors of all other pairs add up to at most ``allowed`` per pose.
+    """
     pose = parts.pose
     ordered = np.lexsort((parts.errors, pose))
     sums = np.cumsum(parts.errors[ordered])

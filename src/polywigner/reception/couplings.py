@@ -106,19 +106,20 @@ def coupling(
     """Return the complex coupling of two sources.
 
     The squared modulus |b|^2 of the coupling is the ratio of received to transmitted power. The
-    transmitted power is the power that the transmitter radiates, so at large distances |b|^2 is
-    given by Friis' formula with directivities. The coupling b is the overlap of the transmitter's
-    field with the field that the receiver would transmit, without a complex conjugate, so it is the
-    same in both directions (docs/links.md, (RX1) to (RX3)):
+    transmitted power is the power that the transmitter radiates. At large distances, |b|^2 is
+    therefore given by Friis' formula with directivities. The coupling b is the overlap, without a
+    complex conjugate, of the transmitter's field with the field that the receiver would transmit.
+    It is therefore unchanged if transmitter and receiver are exchanged (docs/links.md, (RX1) to
+    (RX3)):
 
         b = 1/sqrt(N_t N_r) int int u_t(x) K(x, y) u_r(y) dx dy,   N = int g |F|^2 dOmega/lambda^2
 
-    Here u_t and u_r are the source fields, F is the Fourier transform of u_t or u_r, g is the
-    obliquity factor, and R is the distance between the points x and y. For "rayleigh-sommerfeld-2"
-    the kernel K is exp(ikR)/(i wavelength R). For "rayleigh-sommerfeld-1" K is multiplied by the
-    cosines at both ends, and for "kirchhoff" by (1 + cosine)/2 at each end; both include near-field
-    terms. The computing time increases at short distances, where the sources are divided into more
-    cells.
+    Here u_t and u_r are the source fields, and F is the Fourier transform of u_t or u_r. The
+    obliquity factor is g, and R is the distance between the points x and y. For
+    "rayleigh-sommerfeld-2" the kernel K is exp(ikR)/(i wavelength R). For "rayleigh-sommerfeld-1" K
+    is multiplied by the cosines at both ends, and for "kirchhoff" by (1 + cosine)/2 at each end.
+    Both kernels include near-field terms. The computing time increases at short distances, where
+    the sources are divided into more cells.
 
     Parameters
     ----------
@@ -252,7 +253,7 @@ class _Link:
     def _between(
         self, sent: Any, received: Any, poses: Floats, floor: float
     ) -> tuple[Complex, Floats, Floats | float]:
-        """Return unnormalised couplings of two parts of the sources, with their errors.
+        """Return unnormalised couplings of a part of each source, with errors.
 
         ``sent`` and ``received``: a source and its polarisation vector (None for scalar fields).
         The couplings, the estimated errors and the allowed errors (n,) are in W. ``floor`` is in W:
@@ -303,7 +304,7 @@ class _Link:
         return result
 
     def _largest(self, sources: tuple[Any, ...], offset: Floats) -> Floats:
-        """Return the largest coupling (at most 1) of sources with these areas, at each distance."""
+        """Return the largest coupling (at most 1) that the source areas allow at each distance."""
         areas = [sum(e.area for e in flat_source(source).elements_in_plane) for source in sources]
         size = math.sqrt(areas[0]) * math.sqrt(areas[1]) / self.wavelength
         return np.minimum(1.0, size / np.linalg.norm(offset, axis=1))
@@ -329,7 +330,7 @@ def _check_heights(
 ) -> None:
     """Raise GeometryError unless all heights (n, k) of ``corners`` (k, 2) are positive.
 
-    ``faces``: whether the z axes are opposed in each pose, which determines the advice.
+    ``faces``: whether the z axes are opposed in each pose; determines the advice in the message.
     """
     behind = ~(heights > 0)
     if not behind.any():
@@ -403,7 +404,7 @@ def polarised_kernel(
 
     ``sent`` and ``received`` (3,) are polarisation vectors in the frames of their sources.
     ``received`` is not conjugated: it is the polarisation that the receiver would transmit. Units,
-    shape and phase are those in `link_kernel`.
+    shape and phase are as in `link_kernel`.
     """
     rotation = sight.rotation
     received, normal = rotation @ received, rotation[:, :, 2]
@@ -450,7 +451,7 @@ _DARK = 1e-12
 def root_of_norm(
     source: Any, wavelength: float, method: str, normalise: str, jones: Complex | None = None
 ) -> float:
-    """Return the square root of a source's power, in W^0.5, by which couplings are normalised.
+    """Return the square root of a source's power in W^0.5, which normalises couplings.
 
     ``jones``: polarisation for equivalent currents, None for scalar fields.
     """
@@ -461,7 +462,7 @@ def root_of_norm(
 
 @lru_cache(maxsize=128)
 def _root_of_norm(source: Any, wavelength: float, method: str, normalise: str, jones: Any) -> float:
-    """Return :func:`root_of_norm` for a polarisation as bytes and shape, cached."""
+    """Return the cached :func:`root_of_norm`; bytes and shape specify the polarisation."""
     if jones is not None:
         parts = polarised_parts(source, np.frombuffer(jones[0], complex).reshape(jones[1]))
         if normalise == "aperture":

@@ -103,9 +103,9 @@ def rcs(
 
     The current on an illuminated face is 2 n x H, as on an infinite plane with the normal n in the
     incident magnetic field H. The scattered field of each face is the exact Fourier transform of
-    its polygon, equation (SC1). The parts of faces visible from transmitter and receiver are exact
-    polygons. Physical optics is valid near specular directions, for faces of several wavelengths or
-    more and for fine meshes of smooth bodies. Edge diffraction is not included.
+    its polygon, equation (SC1). The parts of faces that transmitter and receiver see are computed
+    as exact polygons. Physical optics is valid near specular directions, both for faces of several
+    wavelengths or more and for fine meshes of smooth bodies. Edge diffraction is not included.
 
     Array arguments broadcast against each other.
 
@@ -253,7 +253,7 @@ def far_sections(
     """Return radar cross sections (...) in m^2 for distant antennas, with parameters as in `rcs`.
 
     ``lengths``: wavelengths in m. ``warns``: whether to warn if faces illuminate each other. A
-    cross section is NaN, with a warning, in a direction that fails.
+    cross section is NaN, with a warning, if its computation fails.
     """
     receiver = checked_unit_vectors("to_radar", to_radar)
     transmitter = receiver
@@ -292,7 +292,8 @@ def _power(
     """Return ``|q.(N x h + M h)|^2`` of equations (SC1) and (SC6) in m^4 for m samples.
 
     ``sums`` is N and ``later`` is M. ``polarisations``: q of the receiver and p of the incident
-    wave with h = k x p. Without them, the total power is averaged over incident polarisations.
+    wave with h = k x p. Without ``polarisations``, the total power is averaged over incident
+    polarisations.
     """
 
     def field(h: Floats | Complex) -> Complex:

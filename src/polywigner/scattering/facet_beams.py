@@ -69,7 +69,8 @@ def sums_of_beams(
     wavelengths in m. The scattered field is ``N x h + M h`` for the incident magnetic field h,
     equation (SC6), with phases relative to the body's centre. N contains the first reflection, and
     M contains all later reflections. M is None without later reflections. N is NaN, with a warning,
-    for directions that fail. Raises ArgumentError if all directions have too many beams.
+    for directions in which the computation fails. Raises ArgumentError if all directions have too
+    many beams.
     """
     nu = (s - k) / lengths[:, None]
     if not facets.casts_shadows:
@@ -182,7 +183,7 @@ def _views(
     monostatic: bool,
     failures: list[tuple[Indices, Exception]],
 ) -> Iterator[View]:
-    """Yield the view of each pair of directions (k, s); add views that fail to ``failures``."""
+    """Yield the view of each pair of directions (k, s); append failed views to ``failures``."""
     pairs, owner = np.unique(np.concatenate([k, s], axis=1), axis=0, return_inverse=True)
     order = np.argsort(owner.ravel(), kind="stable")
     ends = np.searchsorted(owner.ravel()[order], np.arange(1, len(pairs)))
@@ -289,7 +290,7 @@ def _first_beams(facets: Facets, ends: Ends) -> Beams:
 
 
 def _reflected(facets: Facets, hits: Hits) -> Beams:
-    """Return the beams that triangles reflect, one for each group of coplanar triangles."""
+    """Return the beams reflected by triangles, one beam for each group of coplanar triangles."""
     keys = np.column_stack([hits.beam, facets.plane[hits.facet], hits.signs])
     _, first, number = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     order = np.argsort(number.ravel(), kind="stable")
@@ -312,7 +313,7 @@ def _transformed(matrices: Floats, vectors: Floats) -> Floats:
 def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
     """Return the parts of all triangles that beams illuminate after their last reflection.
 
-    Parts behind the mirror, and parts hidden by other triangles, are omitted.
+    Parts behind the mirror and parts hidden by other triangles are omitted.
     """
     beam, facet, signs = _candidates(facets, ends, beams)
     pairs, corners = beams.subset(beam), facets.corners[facet]
@@ -347,14 +348,14 @@ def _hits(facets: Facets, ends: Ends, beams: Beams) -> Hits:
 
 
 def _heights(facets: Facets, beams: Beams, corners: Floats) -> Floats:
-    """Return heights (n, 3) of corners (n, 3, 3) above n mirrors, positive on the beam's side."""
+    """Return heights (n, 3) of corners (n, 3, 3) above n mirrors; positive on the beam's side."""
     heights = (corners @ beams.normal[:, :, None])[..., 0] - beams.height[:, None]
     heights[np.abs(heights) < NOTHING * facets.size] = 0.0
     return np.asarray(heights)
 
 
 def _candidates(facets: Facets, ends: Ends, beams: Beams) -> tuple[Indices, Indices, Sides]:
-    """Return beam, triangle and illuminated side of pairs whose bounding boxes overlap."""
+    """Return beam, triangle and illuminated side for each pair with overlapping bounding boxes."""
     points = facets.corners.reshape(-1, 3)
     columns = []
     for some in index_blocks(len(beams), _BLOCK // len(points)):

@@ -207,7 +207,7 @@ class Visible:
 def facing(facets: Facets, direction: Floats, block: slice = slice(None)) -> Sides:
     """Return the sides of triangles that face distant observers who look along ``direction``.
 
-    The result has the shape (..., n) for directions (..., 3), with the values of `Sides`.
+    The result contains values of `Sides`, and has the shape (..., n) for directions (..., 3).
     """
     return _sides(direction @ facets.normal[block].T, facets.is_plate[block])
 
@@ -265,7 +265,7 @@ def visible_from(facets: Facets, point: Floats, frame: Floats) -> Visible:
 
 
 def _visible(facets: Facets, signs: Sides, project: Callable[[Floats], Projected]) -> Visible:
-    """Return the visible parts of the sides ``signs``, from their projections onto an image.
+    """Return the visible parts of the sides ``signs``, computed from projections onto an image.
 
     Hidden sides of closed bodies cast no additional shadows.
     """
@@ -294,7 +294,7 @@ def _visible(facets: Facets, signs: Sides, project: Callable[[Floats], Projected
 
 
 def less_hidden(illuminated: Visible, visible: Visible, faces: Sides) -> Visible:
-    """Return the illuminated parts without the parts hidden from a receiver.
+    """Return the illuminated parts, except for parts that are hidden from a receiver.
 
     ``faces`` are the sides that face the receiver. Illuminated sides that face away from the
     receiver remain, because they contribute to the forward field.
@@ -322,7 +322,7 @@ def pieces_of(
 
     ``numbers``, ``signs`` and ``parts``: index of the original triangle, its visible side, and the
     part as in :class:`Visible`. A cut part becomes triangles between the first corner of its
-    original triangle and each edge of the part. Areas may be negative, which reverses
+    original triangle and each edge of the part. Areas may be negative; a negative area reverses
     ``Pieces.vector``.
     """
     (complete,) = np.nonzero(shapely.is_missing(parts))
@@ -435,8 +435,8 @@ def illuminates_itself(facets: Facets, travelling: Floats) -> bool:
 def _reflects_to_another(facets: Facets, k: Floats, rays: Indices, count: int) -> bool:
     """Return whether any of the rays with the indices ``rays`` is reflected to another face.
 
-    There are ``count`` rays along ``k`` in total. Faces that are parallel within 30 degrees reflect
-    forwards and count as one face.
+    There are ``count`` rays along ``k`` in total. Faces that are parallel to within 30 degrees
+    reflect waves forwards, and count as one face.
     """
     signs = facing(facets, k)
     if not signs.any():

@@ -166,7 +166,7 @@ class Antenna:
     def to_frame(self, points: Floats) -> Floats:
         """Map points (..., 3) from the body's frame to the source's frame.
 
-        Points in the body's frame are relative to the body's centre, also in the other methods.
+        In all methods of this class, points in the body's frame are relative to the body's centre.
         """
         return np.asarray(points @ self.frame.T + self.pose[:3, 3])
 
@@ -245,9 +245,9 @@ def checked_poses(name: str, positions: ArrayLike, centre: Floats) -> Floats:
     """Return poses (..., 4, 4) from the frame at the body's centre to the source's frame.
 
     ``positions``: rigid poses (..., 4, 4) from the body's frame, or vectors (..., 3) from the
-    centre to a source that faces it with its y axis upwards. ``centre`` (3,): centre in the body's
-    frame in m. Raises ArgumentError for other shapes and zero vectors, and GeometryError for other
-    poses.
+    body's centre to a source that faces the centre with its y axis upwards. ``centre`` (3,): centre
+    in the body's frame in m. Raises ArgumentError for other shapes and zero vectors, and
+    GeometryError for other poses.
     """
     expected = (
         f"with a source, expected {name} to be vectors (..., 3) in m from the body's centre to the "
@@ -337,11 +337,11 @@ def near_sums(
 ) -> Complex:
     """Return ratios b of received to transmitted amplitude, equation (SC3).
 
-    ``polarisations``: vectors (..., 3) of receiver and transmitter, which broadcast and are normal
-    to the directions from the body's centre. The result has the shape (...). At other points, the
-    vectors are projected. For polarised antennas, only the shapes of the vectors are used. If both
-    antennas are the same object, its fields are computed once. The result is NaN, with a warning,
-    if the illuminated polygons cannot be computed.
+    ``polarisations``: vectors (..., 3) of receiver and transmitter. The vectors broadcast, and are
+    normal to the directions from the body's centre. The result has the shape (...). At points other
+    than the body's centre, the vectors are projected. For polarised antennas, only the shapes of
+    the vectors are used. If both antennas are the same object, its fields are computed once. The
+    result is NaN, with a warning, if the illuminated polygons cannot be computed.
     """
     try:
         lit = _illuminated(facets, transmitter, receiver)
@@ -394,7 +394,7 @@ def _summed(
     receiver: Antenna,
     polarisations: tuple[Complex, Complex],
 ) -> Complex:
-    """Return the sum of equation (SC3) over pieces, each divided into four if ``split`` is true."""
+    """Return the sum of equation (SC3) over pieces; ``split`` divides each piece into four."""
     q, p = polarisations
     total = np.zeros(np.broadcast_shapes(q.shape, p.shape)[:-1], np.complex128)
     for some in index_blocks(len(pieces), _BLOCK):
@@ -512,9 +512,9 @@ def near_sections(
 ) -> tuple[Floats, Floats]:
     """Return cross sections in m^2 and ratios of received to transmitted power, shapes (...).
 
-    The arguments are those of :func:`rcs`, and broadcast. The ratios follow from equation (SC3). A
-    cross section is infinite or NaN, with a warning, if an antenna has a null at the centre of the
-    body.
+    The arguments are those of :func:`rcs`, and broadcast against each other. The ratios follow from
+    equation (SC3). If an antenna has a null at the centre of the body, the cross section is
+    infinite or NaN, with a warning.
     """
     allowed = tolerance_from(tolerance, _TOLERANCE, _LEAST)
     checked_choice(normalise, "normalise", NORMALISATIONS)
@@ -570,8 +570,9 @@ def _polarisations(
 ) -> tuple[Pair | tuple[None, None], Pair]:
     """Return Jones vectors, or None for scalar antennas, and polarisation vectors (..., k, 3).
 
-    Each pair consists of a value for the receiver and a value for the transmitter. Without a
-    polarisation, k is 2, with two perpendicular vectors for each antenna; otherwise k is 1.
+    Both results are pairs of a value for the receiver and a value for the transmitter. With a
+    polarisation, k is 1. Without a polarisation, k is 2, and each antenna has two perpendicular
+    vectors.
     """
     both = [spherical_axes(towards) for towards in (to_radar, to_sender)]
     q, p = (np.stack([axes["v"], axes["h"]], axis=-2).astype(np.complex128) for axes in both)

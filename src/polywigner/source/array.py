@@ -151,11 +151,11 @@ def _tilted(element: _E, kappa: NDArray[np.float64]) -> _E:
 
 @final
 class Array(TakesWaves):
-    """A coherent array of elements with complex weights: u(x) = sum_k w_k 1_k(x).
+    """A coherent array of elements with complex weights: the field is u(x) = sum_k w_k 1_k(x).
 
-    Elements may touch, overlap or coincide, in which case their fields add up:
-    `Array([a, a], [1, -1])` has no field. All arrays have a Fourier transform. Wigner and ambiguity
-    functions require slits, or elements in the plane z = 0.
+    Elements may touch, overlap or coincide. The fields of overlapping elements add up, so
+    `Array([a, a], [1, -1])` has no field. All arrays have a Fourier transform. The Wigner and
+    ambiguity functions require slits or elements in the plane z = 0.
 
     Parameters
     ----------
@@ -200,10 +200,10 @@ class Array(TakesWaves):
         self._set(elements=items, weights=factors, repeated=None, paths=None)
 
     def with_paths(self, paths: PathLengths | None) -> Array:
-        """Return this array with its path lengths recorded, for conversion to other wavelengths.
+        """Return this array with recorded path lengths, for conversion to other wavelengths.
 
-        The fields and weights do not change; they must contain the phases already. None removes the
-        record.
+        The fields and weights do not change; they must contain the phases already. If ``paths`` is
+        None, the recorded path lengths are removed.
 
         Raises
         ------
@@ -474,7 +474,7 @@ def segmented_pupil(
     piston: ArrayLike = 0.0,
     tilt: ArrayLike = 0.0,
 ) -> Array:
-    """Return a pupil of segments with pistons and tilts.
+    """Return a pupil that consists of segments with pistons and tilts.
 
     The field of segment k, with its centroid c_k, is multiplied by
     exp(2 pi i (piston_k + tilt_k.(x - c_k))/wavelength).

@@ -80,8 +80,8 @@ def grid_positions(nx: int, ny: int, pitch_x: float, pitch_y: float | None = Non
 def triangular_positions(nx: int, ny: int, pitch_x: float, pitch_y: float | None = None) -> Floats:
     """Return a triangular lattice: ny rows of nx elements, alternately shifted by half a pitch.
 
-    Compared with :func:`grid_positions`, even rows are shifted by a quarter of pitch_x to the left,
-    odd rows to the right.
+    Compared with :func:`grid_positions`, even rows are shifted to the left and odd rows to the
+    right, by a quarter of pitch_x.
 
     Parameters
     ----------
@@ -108,9 +108,9 @@ def triangular_positions(nx: int, ny: int, pitch_x: float, pitch_y: float | None
 def _lattice_positions(
     nx: int, ny: int, pitch_x: float, pitch_y: float | None, stretch: float, is_staggered: bool
 ) -> Floats:
-    """Return the positions (nx ny, 2) in m of a rectangular lattice, or of one with staggered rows.
+    """Return positions (nx ny, 2) in m of a rectangular lattice, optionally with staggered rows.
 
-    ``stretch``: default of ``pitch_y``, as a multiple of ``pitch_x``.
+    ``stretch``: default value of ``pitch_y`` as a multiple of ``pitch_x``.
     """
     columns, rows = checked_count(nx, "nx", 1), checked_count(ny, "ny", 1)
     check_most(columns * rows, MOST_ELEMENTS, "elements", "use fewer elements")
@@ -213,7 +213,7 @@ def thinned(positions: ArrayLike, fill: float, seed: int, taper: ArrayLike | Non
 
 
 def _as_list(values: Any) -> list[Any]:
-    """Return a list of the values, or of the only value."""
+    """Return several values as a list, and a single value as a list with one entry."""
     return list(values) if np.iterable(values) else [values]
 
 
@@ -235,8 +235,9 @@ def virtual_array(
     """Return positions and weights of the virtual array of a transmitter and a receiver.
 
     Far from a radar, the path from transmitting element j to receiving element k is equivalent to
-    one element at x_j + y_k with the weight v_j w_k: the array factor is the product of the two
-    array factors. Elements at equal positions are merged, and their weights are added.
+    one element at x_j + y_k with the weight v_j w_k. The array factor is therefore the product of
+    the array factors of transmitter and receiver. Elements at equal positions are merged, and their
+    weights are added.
 
     Parameters
     ----------
@@ -510,7 +511,7 @@ def read_elements(
 
 
 def _table_columns(text: str) -> dict[str, Floats]:
-    """Return the columns of a text table by name, which are x and y without a line of names."""
+    """Return the columns of a text table by name; without a line of names, they are x and y."""
     rows = table_rows(text)
     names = [name.lower() for name in rows[0][1]] if rows else []
     has_names = len(names) != 2 or set(names) & set(_COLUMNS)

@@ -41,9 +41,9 @@ class Lattice:
 
 
 def lattice_of(positions: Floats, weights: Complex) -> Lattice | None:
-    """Return the lattice of positions (n, 2); None if there is no lattice or it is nearly empty.
+    """Return the lattice of positions (n, 2), or None if there is no lattice or few sites are used.
 
-    There is no lattice for a single position, or for positions with components other than x and y.
+    A single position has no lattice, nor do positions with components other than x and y.
     """
     if positions.shape[1] != 2 or len(positions) < 2:
         return None
@@ -99,8 +99,8 @@ def _shortest_difference(positions: Floats, extent: float, other: Floats | None)
     """Return the shortest difference of two positions that is not parallel to ``other``.
 
     The x component of the vector is positive, or zero with a positive y component. The result is
-    None if there is no such difference. ``extent``: size of the array. ``other``: None for any
-    direction.
+    None if there is no such difference. ``extent``: size of the array. ``other``: vector, or None
+    to allow any direction.
     """
     best, length = None, np.inf
     # The indices are equally spaced, because positions are usually ordered by rows.
@@ -187,7 +187,7 @@ def column_and_row(weights: Complex, tolerance: float = _EQUAL) -> tuple[Complex
 
 
 def _profile_of(values: Complex) -> Profile:
-    """Return weights (n,) along one direction as a profile: amplitudes, linear phase and factor."""
+    """Convert weights (n,) along one direction to amplitudes, linear phase and factor."""
     size = np.abs(values)
     active = np.flatnonzero(size > _EQUAL * size.max())
     cycles = _linear_phase(values, active)

@@ -72,7 +72,7 @@ class SourceElement:
 
     @cached_property
     def shape(self) -> Any:
-        """The outline with its waves, without its weight or pose."""
+        """The outline with its waves, but without weight and pose."""
         return self.outline.with_illumination(self.illumination)
 
     @property
@@ -90,7 +90,7 @@ class SourceElement:
         return replace(self, frequencies=self.frequencies + np.asarray(kappa, np.float64))
 
     def moved(self, shift: Floats) -> SourceElement:
-        """Return the element and its waves, shifted in its plane by a vector (d,) in m."""
+        """Return the element with its waves, shifted in its plane by a vector (d,) in m."""
         return replace(
             self, outline=self.outline.moved(shift), amplitudes=self.moved_amplitudes(shift)
         )

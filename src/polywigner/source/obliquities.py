@@ -48,9 +48,9 @@ def times_direction_cosine(
 ) -> PublicSource:
     """Return a flat source with amplitudes c_m multiplied by p_m + constant.
 
-    p_m is the direction cosine of wave m, equation (D1). A curvature and a partial coherence of the
-    source are dropped. Raises IlluminationError if all products are zero, as for waves that graze
-    the plane, |kappa| = 1/wavelength.
+    p_m is the direction cosine of wave m, equation (D1). The curvature and the partial coherence of
+    the source are dropped. Raises IlluminationError if all products are zero, as for waves that
+    graze the plane, |kappa| = 1/wavelength.
     """
     length, form = checked_length(wavelength, "wavelength"), normal_form(source)
 
@@ -101,7 +101,7 @@ class Forms(NamedTuple):
         return self.square * cosine * cosine + self.linear * cosine + self.constant
 
     def radiance(self, cosine: Any) -> Any:
-        """Return h = g/cos for a cosine above zero, the factor in the radiance h W/lambda^2.
+        """Return the factor h = g/cos in the radiance h W/lambda^2, for a cosine above zero.
 
         The radiance is equation (R1). With the normal derivative, h is unbounded at grazing
         directions, but the power is finite.
@@ -111,7 +111,7 @@ class Forms(NamedTuple):
         )
 
     def at_lags(self, q: Floats) -> Floats:
-        """Return the integral of g exp(i q s_x) over the directions s of a hemisphere, (n,).
+        """Return the integral of g exp(i q s_x) over the directions s of a hemisphere, shape (n,).
 
         ``q`` (n,) above zero: distance of two points times 2 pi/wavelength.
         """

@@ -22,7 +22,7 @@ CurrentModel = Literal["huygens", "magnetic", "electric"]
 
 
 class Currents(NamedTuple):
-    """Fractions of magnetic and electric currents equivalent to a field u p, equation (VP1)."""
+    """Fractions of the magnetic and electric currents that replace a field u p, equation (VP1)."""
 
     magnetic: float
     electric: float
@@ -53,7 +53,7 @@ def checked_polarisation(polarisation: Any, source: Any = None) -> Complex:
     """Return the unit Jones vector (2,) along x and y, or one per element of an array, (n, 2).
 
     Accepts "x", "y", "right", "left", a slant from x towards y such as "45 deg", a complex Jones
-    vector of any length, and for an `Array` of n elements a list with one of these for each
+    vector of any length, and for an `Array` of n elements a list with one polarisation for each
     element. Raises ArgumentError for other values.
 
     Examples
@@ -78,7 +78,7 @@ def checked_polarisation(polarisation: Any, source: Any = None) -> Complex:
 
 
 def is_pair(polarisation: Any) -> bool:
-    """Return whether a value consists of two polarisations, one for each of two sources.
+    """Return whether a value is a pair of polarisations for two sources.
 
     Two numbers are the components of a single Jones vector.
     """
@@ -129,7 +129,8 @@ def components(source: Any, polarisation: Complex) -> list[tuple[Any, Complex]]:
     """Return scalar sources u and vectors (2,); the sum of their products is the polarised field.
 
     A polarisation (2,) results in the source itself. One polarisation for each element, (n, 2),
-    results in one source for each axis, x and y, without zero fields.
+    results in one source for the field along x and one for the field along y. A source is omitted
+    if its field is zero.
     """
     if polarisation.ndim == 1:
         return [(source, polarisation)]
@@ -172,8 +173,8 @@ def stokes_fields(source: Any, polarisation: Complex) -> list[tuple[Any, Stokes]
     """Return scalar sources and their Stokes vectors, which together form a polarised field.
 
     The Stokes parameters of the field are the sum of irradiance times Stokes vector. For one
-    polarisation per element (n, 2), the sources are u_x, u_y, u_x + u_y and u_x + i u_y,
-    without zero fields.
+    polarisation per element (n, 2), the sources are u_x, u_y, u_x + u_y and u_x + i u_y. A source
+    is omitted if its field is zero.
     """
     if polarisation.ndim == 1:
         return [(source, stokes_vector(polarisation))]
@@ -194,11 +195,12 @@ def stokes_fields(source: Any, polarisation: Complex) -> list[tuple[Any, Stokes]
 
 
 def ludwig_axes(x: Any, y: Any, z: Any) -> tuple[tuple[Any, Any, Any], tuple[Any, Any, Any]]:
-    """Return the unit vectors of fields along x and along y in the direction (x, y, z), z >= 0.
+    """Return unit vectors of fields along x and y that radiate in the direction (x, y, z), z >= 0.
 
     The arguments are floats or arrays of any engine. The vectors are q - (q.s)(z + s)/(1 + z.s) for
-    q = x and q = y: the axes rotate with z into the direction s by the smallest angle. With
-    Kirchhoff's condition, the product with a scalar far field is the field of a Huygens source.
+    q = x and q = y. They follow from x and y by the smallest rotation that turns z into the
+    direction s. With Kirchhoff's condition, the product with a scalar far field is the field of a
+    Huygens source.
 
     References
     ----------

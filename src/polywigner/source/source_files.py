@@ -154,7 +154,7 @@ class SlitsTable(_Illuminated, tag="slits"):
 
 
 def _aperture_of_polygons(polygons: list[list[Any]]) -> Aperture:
-    """Return an aperture made of polygons, with unchanged vertices if the polygons are valid."""
+    """Return an aperture made of polygons; the vertices of valid polygons are unchanged."""
     parts = [
         tuple(oriented(np.array(ring), n == 0) for n, ring in enumerate(rings))
         for rings in polygons
@@ -228,7 +228,7 @@ class WavefrontTable(Table):
     coherence_width: Length | None = None
 
     def on(self, source: Any, wavelength: float | None) -> Wavefront:
-        """Return a source with this wave; ``wavelength``: wavelength of the file in m, or None."""
+        """Return a source with this wave; ``wavelength`` is the file's wavelength in m, or None."""
         length = None if self.curvature is None else self.wavelength
         width = self.coherence_width or math.inf
         wave = Wavefront(source, self.curvature, self.centre, width, length)
@@ -291,8 +291,8 @@ def read_source(
 
     docs/source_files.md describes the format. A source written by :func:`write_source` is read back
     unchanged. In files written by hand, quantities may be strings with units ("10 mm", "20 deg",
-    "77 GHz"), fields, layouts and weights may be specified by name, and outlines may be in other
-    files, with paths relative to this file.
+    "77 GHz"). Fields, layouts and weights may be specified by name. Outlines may be in other files,
+    with paths relative to this file.
 
     Parameters
     ----------
@@ -401,7 +401,7 @@ def _parsed(text: str, suffix: str) -> Any:
 
 
 def table_of(source: Any) -> dict[str, Any]:
-    """Return the content of a source file for a source, made of dictionaries, lists and numbers.
+    """Return a source as the content of a source file: dictionaries, lists and numbers.
 
     Raises ArgumentError for objects other than sources.
     """
@@ -416,7 +416,7 @@ def table_of(source: Any) -> dict[str, Any]:
 
 
 def _flat_table(source: Any) -> dict[str, Any]:
-    """Return the content of a source file for a source without a wavefront."""
+    """Return a source without a wavefront as the content of a source file."""
     if isinstance(source, PlacedAperture):
         return {**_flat_table(source.aperture), "to_world": source.pose.tolist()}
     if isinstance(source, Array):
@@ -440,7 +440,7 @@ def _flat_table(source: Any) -> dict[str, Any]:
 
 
 def _array_table(array: Array) -> dict[str, Any]:
-    """Return the content of a source file for an array."""
+    """Return an array as the content of a source file."""
     weights = {} if (array.weights == 1).all() else {"weights": _listed_numbers(array.weights)}
     if array.repeated is not None:
         element, positions = array.repeated

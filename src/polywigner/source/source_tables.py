@@ -60,7 +60,7 @@ class Complex(complex):
 
 
 def _in_metres(values: Any) -> Any:
-    """Return numbers, or strings such as "2 mm", in metres. Lists may be nested."""
+    """Convert numbers, or strings such as "2 mm", to metres. Lists may be nested."""
     if isinstance(values, list):
         return [_in_metres(value) for value in values]
     is_number = type(values) is float and math.isfinite(values)
@@ -134,7 +134,7 @@ _FUNCTIONS: dict[type, Callable[..., Any]] = {}
 
 
 def _union_of(functions: Mapping[str, Callable[..., Any]], base: type = Kind) -> Any:
-    """Return the union of table types for functions; the keys of a table are the parameters."""
+    """Return the union of table types, one for each function, with its parameters as keys."""
     tables = []
     for name, function in functions.items():
         fields: list[Any] = []
@@ -180,7 +180,7 @@ def call_table(
     """Return the result of the function that a table specifies, called with the table's values.
 
     ``wavelength``: default in m. ``layout``: table of the positions, required by windows.
-    ``context``: further arguments, used if the function has them.
+    ``context``: further arguments, which are passed if the function accepts them.
     """
     function, values = _FUNCTIONS[type(table)], msgspec.structs.asdict(table)
     parameters = inspect.signature(function).parameters
@@ -329,9 +329,10 @@ def _with_factor(aperture: Aperture, field: Illumination) -> Aperture:
 
 
 def parse_direction(text: str) -> tuple[float, float]:
-    """Parse "20 deg" or "20 deg, 90 deg" to theta >= 0 and phi in rad; or raise QuantityError.
+    """Parse "20 deg" or "20 deg, 90 deg" to theta >= 0 and phi in rad.
 
-    By default phi is 0. A negative theta becomes positive, and phi is rotated by pi.
+    Raises QuantityError for other text. By default phi is 0. A negative theta becomes positive, and
+    phi is rotated by pi.
     """
     theta, *phi = map(quantities.parse_angle, _split_at_commas(text))
     # The condition also rejects degrees without a unit.

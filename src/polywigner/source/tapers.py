@@ -37,7 +37,8 @@ _ADVICE = "divide the vector by its length"
 def checked_unit_vectors(name: str, vectors: Any, *shape: Any) -> Floats:
     """Return unit vectors (..., 3); raise ArgumentError if a length differs from 1 by over 1e-6.
 
-    The vectors are not normalised. ``name``: name in the message. ``shape``: (3,) for one vector.
+    The vectors are not normalised. ``name``: name of the argument in the error message. ``shape``:
+    (3,) for one vector.
     """
     shape_text = "(3,)" if shape else "(..., 3)"
     expected = f"expected {name} to be unit vectors of shape {shape_text}"
@@ -281,10 +282,10 @@ def taylor_taper(
         F_m = (-1)^(m+1)/2 prod_{i < nbar} [1 - m^2/(s^2 (A^2 + (i - 1/2)^2))]
                          / prod_{i < nbar, i != m} [1 - m^2/i^2]
 
-    The taper consists of 2 nbar - 1 waves for each axis. The zeros of the transform are at
-    |nu| width = s sqrt(A^2 + (i - 1/2)^2) for i < nbar, then at nbar, nbar + 1, ... The first
-    sidelobe lies at -sll dB, or less than 0.7 dB below it. All other sidelobes are lower, and fall
-    as 1/|nu| from nbar on.
+    The taper consists of 2 nbar - 1 waves for each axis. The zeros of the transform are at |nu|
+    width = s sqrt(A^2 + (i - 1/2)^2) for i < nbar, then at nbar, nbar + 1, ... The level of the
+    first sidelobe is -sll dB, or up to 0.7 dB lower. All other sidelobes are lower, and fall as
+    1/|nu| for |nu| width above nbar.
 
     Parameters
     ----------
@@ -329,7 +330,7 @@ def taylor_taper(
 
 
 def checked_sidelobes(sll: Any, nbar: Any) -> tuple[float, int]:
-    """Return sidelobe suppression in dB and n-bar; raise ArgumentError if out of range."""
+    """Return sidelobe suppression in dB and n-bar; raise ArgumentError for values out of range."""
     meaning = (
         f"a number of dB above 0 and up to {_LARGEST_SUPPRESSION:g}, such as 30 for sidelobes at "
         "-30 dB"
@@ -367,9 +368,9 @@ def _product_of_waves(along_x: _Waves, along_y: _Waves) -> Illumination:
 
 
 def _half_periods(number: int, size: float, sine: bool) -> _Waves:
-    """Return the cosine (with ``sine``, the sine) of number pi (x/size + 1/2) as waves along x.
+    """Return the cosine or the sine of ``number pi (x/size + 1/2)`` as waves along x.
 
-    For the number 0, the result is the constant 1.
+    The argument ``sine`` selects the sine. For the number 0, the result is the constant 1.
     """
     if number == 0:
         return _CONSTANT

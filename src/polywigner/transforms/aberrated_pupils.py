@@ -53,7 +53,7 @@ _MOST, _BLOCK = 1 << 26, 1 << 17
 
 
 def _bilinear_weights(count_u: int, count_v: int) -> Floats:
-    """Return weights (n, 4) of the corners of a cell at a grid of points, count_u x count_v.
+    """Return weights (n, 4) of the corners of a cell at a grid of count_u x count_v points.
 
     The corners (u, v) are (0, 0), (1, 0), (0, 1) and (1, 1).
     """
@@ -198,7 +198,7 @@ class AberratedPupil:
 
     @cached_property
     def _cells(self) -> list[tuple[Cells, Floats]]:
-        """Trapezoids (n, 4, 2) that form each element, and phase gradients at points in them.
+        """Trapezoids (n, 4, 2) that form each element, and phase gradients at points inside.
 
         The gradients (n, points, 2) are in cycles per metre.
         """
@@ -208,7 +208,7 @@ class AberratedPupil:
     def rules(
         self, number: int, band: tuple[Floats, Floats], extra: int, error: float
     ) -> list[tuple[Floats, Floats]]:
-        """Return the nodes and weights of quadrature rules on an element.
+        """Return the nodes and weights of quadrature rules on an element of the pupil.
 
         The nodes have the shape (n, m, 2), and all nodes of a row have the same x. The field is
         multiplied by waves exp(-2 pi i nu.x), and ``band`` contains the lowest and the highest
@@ -250,7 +250,7 @@ def _node_counts(
 
 @dataclass(frozen=True, eq=False)
 class Slices:
-    """Intersections of elements of two copies of a pupil, which are shifted by -xi/2 and xi/2."""
+    """Intersections of elements of two copies of a pupil, shifted by -xi/2 and xi/2."""
 
     lags: Floats
     row: Indices
@@ -287,11 +287,11 @@ def slice_integrals(
     error: float,
     factors: Callable[[Floats, Floats], Floats] | None = None,
 ) -> Complex:
-    """Return integrals of u(x + xi/2) u*(x - xi/2) over the regions, times optional factors.
+    """Return integrals of u(x + xi/2) u*(x - xi/2), times optional factors, over the regions.
 
     The aberrated field u does not contain the weights of the elements. ``factors(x + xi/2, x -
-    xi/2)`` returns k factors for each point. The result has the shape (k, regions), with k = 1
-    without factors.
+    xi/2)`` returns k factors for each point. The result has the shape (k, regions), where k is 1 if
+    there are no factors.
     """
     half = regions.lags[regions.row] / 2
     kappa = np.concatenate([element.frequencies for element in pupil.elements])

@@ -114,7 +114,7 @@ def zernike_gradients(orders: Sequence[Order], x: Floats, y: Floats) -> Floats:
 
 
 def _complex_polynomials(highest: int, x: Floats, y: Floats) -> dict[Order, Complex]:
-    """Return the complex Zernike polynomials V_n^m at points, by (n, m).
+    """Return the complex Zernike polynomials V_n^m at points, with (n, m) as keys.
 
     The table contains m >= 0 and n up to ``highest``.
     """
@@ -222,7 +222,7 @@ class FunctionMode:
     def values(self, x: Floats, y: Floats) -> Floats:
         """Return the values of the path function in m at positions in m, as a single row.
 
-        Raises ArgumentError unless the function returns a finite number, or one per position.
+        Raises ArgumentError unless the function returns one finite number, or one per position.
         """
         path = np.asarray(self.path(x, y), np.float64)
         if path.shape not in ((), np.shape(x)) or not np.isfinite(path).all():
@@ -246,12 +246,12 @@ class Aberration(Immutable):
     """An aberration of a pupil, as a path length W(x, y) in metres.
 
     The field in the pupil is multiplied by exp(+2 pi i W/lambda). Waves are exp(+i k R) with the
-    time factor exp(-i omega t), so a positive W is a longer path and delays the wavefront, like a
-    positive ``piston`` of :func:`segmented_pupil`. The coordinates x and y are distances from the
-    optical axis in m. The axes of the image are parallel to the axes of the pupil: the path length
-    W = t x shifts the spot by t times the focal length along +x. W is the same at all wavelengths.
-    Aberrations can be added with ``+`` and multiplied by numbers. :func:`zernike` returns the usual
-    aberrations.
+    time factor exp(-i omega t). A positive W is therefore a longer path and delays the wavefront,
+    like a positive ``piston`` of :func:`segmented_pupil`. The coordinates x and y are distances
+    from the optical axis in m. The axes of the image are parallel to the axes of the pupil: the
+    path length W = t x shifts the spot by t times the focal length along +x. W is the same at all
+    wavelengths. Aberrations can be added with ``+`` and multiplied by numbers. :func:`zernike`
+    returns the usual aberrations.
 
     Parameters
     ----------
@@ -296,7 +296,7 @@ class Aberration(Immutable):
 
     @property
     def _key(self) -> int:
-        """Value by which aberrations are compared: only equal for the same object."""
+        """Value by which aberrations are compared, which is equal only for the same object."""
         # Path functions cannot be compared, so each aberration equals only itself.
         return id(self)
 
@@ -523,7 +523,7 @@ def _indexing_of(name: Any) -> Indexing:
 
 
 def _checked_indices(indices: Collection[Any], indexing: str) -> list[int]:
-    """Return indices of Zernike polynomials as integers; raise ArgumentError for invalid ones."""
+    """Return indices of Zernike polynomials as integers; raise ArgumentError for other values."""
     order, first, _ = _indexing_of(indexing)
     for index in indices:
         is_index = isinstance(index, int | np.integer) and not isinstance(index, bool)

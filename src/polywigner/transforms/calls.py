@@ -116,9 +116,10 @@ def compute(
 ) -> Values:
     """Return a public transform of a source at NumPy points or Dr.Jit points.
 
-    ``points``: arguments of the transform by name. The Fourier transform of arrays and of sources
-    with several waves is computed by :func:`polywigner.fourier`. ``through`` and ``wavelength`` [m]
-    must be specified together, and the points are then points behind the optical system.
+    ``points``: arguments of the transform, with their names as keys. The Fourier transform of
+    arrays and of sources with several waves is computed by :func:`polywigner.fourier`. ``through``
+    and ``wavelength`` [m] must be specified together. The points are then points behind the optical
+    system.
     """
     how, restored = (precision, engine), None
     is_differentiable = isinstance(source, Differentiable)
@@ -136,7 +137,7 @@ def compute(
 
 
 def _as_full_transform(name: str, source: Any, points: Points) -> tuple[bool, str, Points]:
-    """Replace a marginal by the transform that equals it if one argument is zero.
+    """Replace a marginal by a transform with one argument of zero, which has the same values.
 
     Returns whether the values are real, the name of the transform, and its points. The lag
     marginal of a uniform aperture is not replaced at NumPy points.
@@ -306,7 +307,7 @@ def _mapped_points(name: str, source: Any, through: Any, wavelength: Any, points
 
 
 def _blocks_for(system: FirstOrder, dimension: int) -> tuple[NDArray[np.float64], ...]:
-    """Return the blocks A, B, C, D of a ray transfer matrix, shape (d, d) each.
+    """Return the blocks A, B, C and D of a ray transfer matrix, each of shape (d, d).
 
     Raises ArgumentError for d = 1 if the system couples x and y.
     """
@@ -425,7 +426,7 @@ def _with_phase(value: Values, factors: Iterable[tuple[Any, Any]]) -> Values:
 
 
 def _curved_spectrum(wave: Wavefront, nu: Any, how: Options) -> NDArray[np.complexfloating[Any]]:
-    """Return the Fourier transform of a curved wave at frequencies as Fresnel integrals."""
+    """Return the Fourier transform of a curved wave, computed by Fresnel integrals."""
     dimension = kernels.kernel_for("wigner", wave.source).dimension
     check_no_drjit(nu=nu)
     execution.checked_engine(how[1])

@@ -113,7 +113,8 @@ def empty_result(
 ) -> tuple[Any, list[Any]]:
     """Return an uninitialised array, and views of its real and imaginary part.
 
-    The array is real for one output and complex for two. A real array is its own single view.
+    The array is real for one output, and complex for two outputs. For a real array, the only view
+    is the array itself.
     """
     single = precision == "single"
     if outputs == 1:

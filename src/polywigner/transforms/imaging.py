@@ -158,8 +158,8 @@ def partially_coherent_image(
 
     The amplitudes of the diffraction orders are the closed-form Fourier transform of the mask at
     the frequencies of the lattice. The image is a sum over pairs of orders, each of which is
-    multiplied by its :func:`transmission_cross_coefficient` (docs/imaging.md, (IM2)). For a single
-    mask, choose a period much longer than the resolution.
+    multiplied by its :func:`transmission_cross_coefficient` (docs/imaging.md, (IM2)). For a mask
+    that is not periodic, choose a period much longer than the resolution.
 
     Parameters
     ----------

@@ -82,8 +82,8 @@ def projections(
     """Compute the projections of a phase-space function onto pairs of its four coordinates.
 
     A projection, also called a tile, is the integral of the function over two of its coordinates.
-    The tiles are those in the paper's Fig. (projs), and tiles for two further pairs of coordinates.
-    Each tile is named after its two remaining coordinates:
+    The tiles are the projections in the paper's Fig. (projs), and the projections onto two further
+    pairs of coordinates. Each tile is named after its two remaining coordinates:
 
     =================  ============================  ==========================================
     kind               coordinates                   tiles
@@ -209,7 +209,7 @@ def _coordinate_values(
     samples: int,
     coordinates: Mapping[str, ArrayLike] | None,
 ) -> dict[str, Floats]:
-    """Return the values of each coordinate: specified by the caller, or evenly spaced.
+    """Return the values of each coordinate, which are specified by the caller or evenly spaced.
 
     Raises ArgumentError for unknown coordinates and invalid values.
     """
@@ -247,7 +247,7 @@ def _checked_values(name: str, values: ArrayLike) -> Floats:
 
 
 def _largest_amplitude(source: PhaseSpaceSource) -> float:
-    """Return an upper bound on |u|, where the fields of elements that may overlap are added."""
+    """Return an upper bound on |u|; the fields of elements that may overlap are added."""
     elements = normal_form(source).in_plane.elements
     moduli = np.array([abs(e.weight) * np.abs(e.amplitudes).sum() for e in elements])
     low, high = np.array([np.reshape(e.outline.bounds, (2, -1)) for e in elements]).swapaxes(0, 1)
@@ -390,7 +390,7 @@ def _spectrum_product(source: PhaseSpaceSource, grid: Floats, *, engine: Engine)
 
 
 def _ambiguity_of_rows(field: PlaneField, upsilon_x: Floats, xi_x: Floats) -> Array:
-    """Return A at upsilon_x (n,) and xi_x (m,), integrated along both y axes, equation (P12)."""
+    """Return A at upsilon_x (n,) and xi_x (m,), integrated over upsilon_y and xi_y, as in (P12)."""
     x, y = field.centre.tolist()
     ahead: Image = (1.0, 1.0), _points_on_row(-xi_x / 2, y)
     behind: Image = (1.0, -1.0), _points_on_row(xi_x / 2, -y)
@@ -407,7 +407,7 @@ def _pairing_of_opposite_rows(first: Floats, second: Floats) -> tuple[Floats, Fl
 
 
 def _opposite_columns(field: PlaneField, upsilon_y: Floats, xi_x: Floats) -> Array:
-    """Return A at upsilon_y (n,) and xi_x (m,), integrated over the other axes, equation (P13)."""
+    """Return A at upsilon_y (n,) and xi_x (m,), integrated over upsilon_x and xi_y, as in (P13)."""
     x, y = field.centre.tolist()
     ahead, behind = (
         column_spectra(field, sign * xi_x / 2 - x, sign * upsilon_y / 2) for sign in (1.0, -1.0)

@@ -58,8 +58,8 @@ def fourier(
     triangles in the faces of a polyhedron, and to the number of waves of the illumination. If the
     illumination of a rectangle is a product of two functions along its sides, the waves along each
     side are summed separately, equation (I4). If the frequencies form a grid from
-    ``numpy.meshgrid``, the time per frequency is much shorter for outlines whose edges are parallel
-    and equally long, or parallel to the axes, equation (F4).
+    ``numpy.meshgrid``, the time per frequency is much shorter for some outlines, equation (F4):
+    outlines whose edges are parallel and equally long, or parallel to the axes.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ def _frequency_difference(nu: Any, kappa: Floats) -> tuple[Values, Floats | None
 
 
 def _coherent_sum(array: Array, nu: Any, how: dict[str, Any]) -> Values:
-    """Return the Fourier transform of an array, by equation (C1) or with the array factor (L3)."""
+    """Return the Fourier transform of an array by equation (C1), or by its array factor (L3)."""
     if array.repeated is not None:
         first, shifts = array.repeated
         plane = in_plane(nu) if shifts.shape[1] == 2 else nu
@@ -261,8 +261,8 @@ def autocorrelation(
     """Compute the autocorrelation of the field on a source.
 
     The autocorrelation is R(x, xi) = u(x + xi/2) conj(u(x - xi/2)), where u is the field, as in the
-    paper's eq. (auto_lag). The source includes its boundary on the left and lower sides, and
-    excludes it on the right and upper sides.
+    paper's eq. (auto_lag). The left and lower sides of the boundary belong to the source, and the
+    right and upper sides do not.
 
     Parameters
     ----------

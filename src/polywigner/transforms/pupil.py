@@ -63,9 +63,9 @@ def otf(
 
     With a defocus of w waves at the radius a, the OTF is ``A(-2 w xi/a^2, xi)/A(0, 0)``, where A is
     the ambiguity function of the pupil in focus and xi is the lag in the pupil. This formula holds
-    because the phase difference of the defocus between two copies of the pupil is linear in x.
-    Source: K.-H. Brenner, A. W. Lohmann, J. Ojeda-Castaneda, Opt. Commun. 44, 323 (1983). With an
-    ``aberration``, the OTF is integrated numerically over the position slice, in which the
+    because the defocus phases of the two shifted copies of the pupil differ by a linear function of
+    x. Source: K.-H. Brenner, A. W. Lohmann, J. Ojeda-Castaneda, Opt. Commun. 44, 323 (1983). With
+    an ``aberration``, the OTF is integrated numerically over the position slice, in which the
     integrand is smooth (docs/imaging.md, (IM4)).
 
     Parameters
@@ -202,8 +202,9 @@ def mtf(
 ) -> NDArray[np.float64]:
     """Compute the modulation transfer function (MTF) of a lens in its focal plane.
 
-    The MTF is the modulus of :func:`otf`, at the lag wavelength times focal length times frequency.
-    For several wavelengths the result is the modulus of the mean OTF, as measured by a detector.
+    The MTF is the modulus of :func:`otf` at a lag that is the product of wavelength, focal length
+    and frequency. For several wavelengths, the result is the modulus of the mean OTF, which a
+    detector measures.
 
     Parameters
     ----------

@@ -52,7 +52,7 @@ class Derivatives(Protocol):
         ...
 
     def weights(self) -> tuple[Complex, Complex]:
-        """Return the derivatives with respect to the weights and their complex conjugates.
+        """Return the derivatives with respect to the weights and to their complex conjugates.
 
         Both arrays have the shape (n, k).
         """
@@ -76,7 +76,7 @@ class PupilNumbers:
 
     @classmethod
     def of(cls, source: Any, aberration: Any) -> tuple[Any, PupilNumbers]:
-        """Return a source with plain numbers instead of Dr.Jit arrays, and the Dr.Jit arrays.
+        """Return a source whose Dr.Jit arrays are replaced by plain numbers, and the Dr.Jit arrays.
 
         The Dr.Jit arrays include the coefficients of ``aberration``, which is not changed.
         """
@@ -110,7 +110,7 @@ class PupilNumbers:
         return np.concatenate(columns, axis=1)
 
     def result(self, jets: Jets, shape: tuple[int, ...], is_complex: bool) -> Any:
-        """Return the values of jets as a NumPy array of a shape, or as flat Dr.Jit arrays.
+        """Return the values of jets as a NumPy array of ``shape``, or as flat Dr.Jit arrays.
 
         The result is a Dr.Jit array, with derivatives, if the pupil contains Dr.Jit arrays.
         """
@@ -191,7 +191,7 @@ class Edges:
         return x, fractions * np.outer(length, weights)[..., None]
 
     def at_vertices(self, edge: Indices, terms: Complex) -> Complex:
-        """Return for each vertex the sum of terms of the adjacent edges, times their normals.
+        """Return, for each vertex, the sum of the terms of adjacent edges times the edge normals.
 
         ``terms``, shape (..., k, 2), contains two values for each index in ``edge``, for the first
         and the second vertex of the edge. The result has the shape (..., vertices, 2).
@@ -269,7 +269,7 @@ class _AutocorrelationDerivatives:
         return total
 
     def _along_edges(self, edges: list[Edges], one: int, other: int, shift: Floats) -> Complex:
-        """Return the derivatives (vertices, 2) for the vertices of element ``one`` of one copy.
+        """Return derivatives (vertices, 2) for the vertices of element ``one`` of one pupil copy.
 
         The derivatives are integrals of N (1 - t, t) u_one(p) u_other*(p + shift) along the edges,
         over points p for which p + shift lies in element ``other``. N is the normal of an edge, and
@@ -335,7 +335,7 @@ def _parts_inside(
 
 
 def _edge_cuts(begin: Floats, vector: Floats, others: Edges, near: float) -> tuple[Indices, Floats]:
-    """Return where edges start, end, or cross other edges: edge indices and fractions, sorted."""
+    """Return sorted edge indices and fractions at which edges start, end, or cross other edges."""
     away = others.begin - begin[:, None]
     cross = vector[:, None, 0] * others.vector[:, 1] - vector[:, None, 1] * others.vector[:, 0]
     along = away[..., 0] * others.vector[:, 1] - away[..., 1] * others.vector[:, 0]

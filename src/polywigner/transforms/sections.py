@@ -151,7 +151,7 @@ def _section_spectra(intervals: Sections, nu: Floats) -> Complex:
     """Return the Fourier transforms of weighted intervals, one row for each position x."""
 
     def term(chosen: Indices) -> tuple[Floats, Floats]:
-        """Return the real part and the negative imaginary part for the chosen intervals."""
+        """Return the real and the negative imaginary part of the terms of ``chosen`` intervals."""
         low, high = intervals.low[chosen, None], intervals.high[chosen, None]
         cosine, sine = mean_plane_wave(_OPS, nu * low, nu * high)
         factor = intervals.weight[chosen, None] * (high - low)
@@ -180,7 +180,7 @@ def _row_sums(
 def column_spectra(field: PlaneField, x: Floats, nu: Floats) -> Complex:
     """Return the Fourier transform of the field along y for each x and frequency, equation (P9).
 
-    The result has one row for each x, which is relative to the centre of the field, like y.
+    The result has one row for each x. Both x and y are relative to the centre of the field.
     """
     intervals = sections(field, x)
     at = x[intervals.row]
@@ -263,14 +263,14 @@ def _image_polygons(field: PlaneField, scale: tuple[float, float], shifts: Float
 def _overlap_spectra(regions: Overlaps, nu: Floats, nu_y: float = 0.0) -> Complex:
     """Return the sums of the regions' Fourier transforms over each row, shape (rows, n).
 
-    The transforms are equation (F2). The n frequencies are (nu, nu_y), and the regions are
+    The transforms follow equation (F2). The n frequencies are (nu, nu_y), and the regions are
     multiplied by their weights.
     """
     begin, end = regions.begin, regions.end
     factor = regions.weight * (begin[:, 0] * end[:, 1] - begin[:, 1] * end[:, 0])
 
     def term(chosen: Indices) -> tuple[Floats, Floats]:
-        """Return the real part and the negative imaginary part for the chosen edges."""
+        """Return the real and the negative imaginary part of the terms of the ``chosen`` edges."""
         cycles = [nu * v[chosen, :1] + nu_y * v[chosen, 1:] for v in (begin, end)]
         cosine, sine = simplex_plane_wave(_OPS, *cycles)
         return cosine * factor[chosen, None], sine * factor[chosen, None]
@@ -283,8 +283,8 @@ def mutual_spectra(
 ) -> Complex:
     """Return the Fourier transforms of overlaps at (nu, 0), summed over all pairs of waves.
 
-    The result has one row for each row of ``regions``. ``points`` contains the coordinates of each
-    row that multiply the rates of ``pairing``.
+    The result has one row for each row of ``regions``. For each row, ``points`` contains the
+    coordinates by which the rates of ``pairing`` are multiplied.
     """
     if field.is_uniform:
         return _overlap_spectra(regions, nu)
@@ -314,7 +314,7 @@ def _overlaps_by_pair(regions: Overlaps, elements: int) -> Iterator[tuple[Overla
 
 
 def _distinct_shifts(shifts: Floats) -> Iterator[tuple[list[float], Indices]]:
-    """Yield each distinct frequency shift, and the indices of the pairs of waves that have it."""
+    """Yield each distinct frequency shift, and the indices of pairs of waves with this shift."""
     number = cluster_indices(shifts, _EQUAL * float(np.abs(shifts).max()))
     for k in range(number.max() + 1):
         members = np.flatnonzero(number == k)

@@ -110,7 +110,7 @@ def differentiable(
 def _with_vertices(
     source: Aperture | Array | None, vertices: Drjit
 ) -> tuple[Aperture | Array, Drjit]:
-    """Return a source with the values of Dr.Jit vertices, and the vertices.
+    """Return a source with the values of Dr.Jit vertices, and the Dr.Jit vertices.
 
     Without a source, the vertices form a ring. The vertices are reversed if the ring is clockwise.
     Raises ArgumentError if the number of vertices differs from the number in the source.

@@ -127,7 +127,7 @@ def _centred_chirp(
 
 
 def coherent_source(source: Wavefront, tilt: Any = None) -> Any:
-    """Return the coherent source with the same curved wave, optionally times exp(2 pi i tilt.x).
+    """Return a coherent source with the same curved wave, optionally times exp(2 pi i tilt.x).
 
     The tilt is in 1/m.
     """

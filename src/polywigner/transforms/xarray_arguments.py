@@ -119,7 +119,7 @@ def takes_xarray(
 def _call_by_name(
     module: str, name: str, names: Sequence[str], others: Arguments, *values: Any
 ) -> NDArray[Any] | tuple[NDArray[Any], ...]:
-    """Call a public function by its name, so that Dask can send the call to other processes."""
+    """Call a public function by name, so that Dask can send the call to other processes."""
     result: NDArray[Any] | tuple[NDArray[Any], ...] = getattr(import_module(module), name)(
         **others, **dict(zip(names, values, strict=True))
     )
@@ -229,7 +229,7 @@ def _with_dimension(name: str, value: Any, kind: type) -> xarray.DataArray | NDA
 
 
 def _dtypes_of(call: Callable[..., Any], values: Sequence[Any]) -> list[np.dtype[Any]]:
-    """Return the data types of the results of a function, which is called with empty arrays."""
+    """Call a function with empty arrays, and return the data types of the results."""
     empty = [
         np.empty((0, v.shape[-1]), v.dtype) if hasattr(v, "dims") else np.asarray(v) for v in values
     ]

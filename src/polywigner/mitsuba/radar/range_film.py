@@ -235,7 +235,7 @@ class RangeFilm(VariantPlugin):
         """Distance from the sensor to the starts of rays, in scene units."""
 
     def prepare_transient_(self, aovs: Any) -> int:
-        """Set all sums to zero, for mitransient."""
+        """Set all sums to zero (called by mitransient)."""
         size = self.crop_size()
         self._shape = (int(size[1]), int(size[0]), self._count + 1)
         self._sums = dr.zeros(self.m.Float64, int(np.prod(self._shape)))
@@ -251,7 +251,7 @@ class RangeFilm(VariantPlugin):
         active: Drjit,
         **_: Any,
     ) -> None:
-        """Add the power of paths to the bins of their pixels and lengths, for mitransient."""
+        """Add the power of each path to the bin of its pixel and length (called by mitransient)."""
         m, length = self.m, distance + self.start_distance
         passed = dr.binary_search(
             0, self._count, lambda k: dr.gather(m.Float, self._edges, k) <= length
@@ -264,11 +264,11 @@ class RangeFilm(VariantPlugin):
         dr.scatter_reduce(dr.ReduceOp.Add, self._sums, value, index, active)
 
     def develop(self, raw: bool = False) -> tuple[None, Drjit]:
-        """Return no image and the flat array of all sums, for mitransient."""
+        """Return None for the image, and the flat array of all sums (called by mitransient)."""
         return None, self._sums
 
     def sums(self) -> Floats:
-        """Return the power by pixel and path length, shape (height, width, bins + 2)."""
+        """Return the power for each pixel and path-length bin, shape (height, width, bins + 2)."""
         return np.array(self._sums, dtype=np.float64).reshape(self._shape)
 
 
@@ -295,7 +295,7 @@ class RangeSensor(VariantPlugin):
     def sample_ray_differential(
         self, time: Drjit, sample1: Drjit, sample2: Drjit, sample3: Drjit, active: Drjit = True
     ) -> tuple[mi.RayDifferential3f, Drjit]:
-        """Return a random ray of the original sensor and its weight, for Mitsuba."""
+        """Return a random ray of the original sensor, and its weight (called by Mitsuba)."""
         ray, weight = self._sensor.sample_ray_differential(time, sample1, sample2, sample3, active)
         self._film.start_distance = self._start_distance(ray)
         if is_receiver(self._sensor) and self.m.is_polarized:

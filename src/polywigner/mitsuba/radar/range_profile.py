@@ -70,12 +70,12 @@ def range_profile(
     bodies: Mapping[str, Any] | None = None,
     progress: Progress | None = None,
 ) -> xarray.Dataset:
-    """Return the received power of the receivers of a scene by range, with its standard error.
+    """Return the power at each receiver of a scene as a function of range, with standard errors.
 
-    Range is half the length of a path from a source to a receiver, in m. Path lengths in glass are
-    multiplied by the refractive index. The power is the sum of direct light and scattered light, as
-    in :func:`polywigner.mitsuba.received_power`. The function requires mitransient, part of the
-    extra ``radar``. See docs/range.md.
+    The range is half the length of a path from a source to a receiver, in m. Path lengths in glass
+    are multiplied by the refractive index. The power is the sum of direct light and scattered
+    light, as in :func:`polywigner.mitsuba.received_power`. The function requires mitransient, part
+    of the extra ``radar``. See docs/range.md.
 
     Parameters
     ----------
@@ -157,17 +157,17 @@ def range_profile(
 def received_by_range(
     scene: Any, numbers: list[int], options: ReceiveOptions, edges: Floats, sample: Sampled
 ) -> tuple[list[ReceivedPower], xarray.Dataset]:
-    """Return the received power of receivers, and their power by range.
+    """Return the total power at each receiver, and the power as a function of range.
 
-    ``numbers`` are indices in the list of `receivers_of`, ``edges`` are ranges in m, and ``sample``
-    renders the scattered light.
+    ``numbers`` are indices in the list of `receivers_of`. ``edges`` are the edges of range bins in
+    m. ``sample`` renders the scattered light.
     """
     result = received(scene, numbers, options, sample, edges)
     return result.powers, _profile_of(scene, result, edges)
 
 
 def checked_ranges(ranges: npt.ArrayLike) -> Floats:
-    """Convert edges of bins in m; raise ArgumentError unless they ascend from zero or more."""
+    """Convert bin edges in m; raise ArgumentError unless they are ascending and not negative."""
     expected = (
         f"expected ranges to be 2 to {_MOST_BINS + 1} edges of bins in m, such as "
         "np.linspace(0, 60, 513)"
@@ -215,10 +215,11 @@ def _profile_of(scene: Any, result: Received, edges: Floats) -> xarray.Dataset:
 
 
 def _direct_power_by_range(paths: Sequence[DirectPath], edges: Floats) -> Floats:
-    """Return the direct power by range in W, shape (bins + 2,).
+    """Return the direct power in W as a function of range, shape (bins + 2,).
 
-    ``edges`` are ranges in m. The first and last values belong to ranges below and above all bins.
-    The amplitudes of interfering paths are added within each bin.
+    ``edges`` are the edges of range bins in m. The first value belongs to ranges below all bins,
+    the last value to ranges above all bins. The amplitudes of interfering paths are added within
+    each bin.
     """
     result, waves = np.zeros(len(edges) + 1), np.zeros(len(edges) + 1, np.complex128)
     for path in paths:
@@ -231,11 +232,11 @@ def _direct_power_by_range(paths: Sequence[DirectPath], edges: Floats) -> Floats
 
 
 def _power_variables(by_light: Floats, direct: Floats) -> Variables:
-    """Return the variables that contain power by range.
+    """Return dataset variables that contain the power as a function of range.
 
     ``by_light`` is the scattered power (receivers, lights, batches, values), and ``direct`` is the
-    direct power (receivers, lights, values), both in W. The first and last ``values`` belong to
-    ranges below and above all bins.
+    direct power (receivers, lights, values), both in W. The first of the ``values`` belongs to
+    ranges below all bins, the last to ranges above all bins.
     """
     batches = by_light.sum(axis=1)
     scattered, of_direct = batches.mean(axis=1), direct.sum(axis=1)
@@ -262,7 +263,7 @@ def _power_variables(by_light: Floats, direct: Floats) -> Variables:
 
 
 def _noise_variables(powers: list[ReceivedPower]) -> Variables:
-    """Return the noise power and the range resolution of each receiver as variables."""
+    """Return the noise power and the range resolution of each receiver as dataset variables."""
     bands = [power.bandwidth for power in powers]
     noise = [power.noise_power for power in powers]
     resolution = [None if b is None else SPEED_OF_LIGHT / (2 * b) for b in bands]
@@ -276,7 +277,7 @@ def _noise_variables(powers: list[ReceivedPower]) -> Variables:
 def _paths_of(links: list[list[tuple[DirectPath, ...]]]) -> tuple[npt.NDArray[np.str_], Variables]:
     """Return the labels of all direct paths, and their powers and ranges as variables.
 
-    ``links`` are nested by receiver and light.
+    ``links[i][j]`` contains the direct paths from light j to receiver i.
     """
     labels: dict[str, int] = {}
     entries = []
@@ -319,9 +320,9 @@ def range_frames(
     integrator: Any = None,
     progress: Progress | None = None,
 ) -> xarray.Dataset:
-    """Render the radiance of a camera by range, one frame for each bin.
+    """Render the radiance at a camera as a function of range, with one frame for each range bin.
 
-    Range is half the length of a path from a point on a source to the camera, as in
+    The range is half the length of a path from a point on a source to the camera, as in
     :func:`range_profile`. The path length includes the near-clip distance of the camera. Sources
     are visible, as in :func:`polywigner.mitsuba.render`. The film has a box filter. See
     docs/range.md.

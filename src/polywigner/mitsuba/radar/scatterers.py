@@ -50,7 +50,7 @@ _WAVEFRONT = 2**17
 def _selected_events(
     events: Events, count: int, rng: np.random.Generator, for_elements: bool
 ) -> tuple[Events, float]:
-    """Select at most ``count`` events at random, with unbiased sums of powers and intensities.
+    """Select up to ``count`` random events so that sums of powers and intensities are unbiased.
 
     Return the events, and the standard error of their total power in W due to the selection. The
     probabilities are proportional to the power. With ``for_elements``, the probabilities are
@@ -141,7 +141,7 @@ def _probabilities(measure: Floats, count: int) -> Floats:
 
 
 def _thinning_error(power: Floats, probabilities: Floats) -> float:
-    """Return the standard error due to random selection in W, by Hajek's approximation."""
+    """Return the standard error in W due to random selection, by Hajek's approximation."""
     missing = 1.0 - probabilities
     if not missing.any():
         return 0.0
@@ -347,7 +347,7 @@ def checked_velocities(velocities: Mapping[str, ArrayLike]) -> dict[str, Floats]
 
 
 def _depth_of(integrator: Any) -> int:
-    """Return the maximum path depth of a scene's integrator, or 2^20 without a limit."""
+    """Return the maximum path depth of a scene's integrator, or 2^20 if it has no limit."""
     depth = -1 if integrator is None else depths_of(integrator)["max_depth"]
     return depth if 0 < depth < _NO_LIMIT else _NO_LIMIT
 
@@ -381,7 +381,7 @@ def _dataset_of(
 
 
 def _ids(names: dict[int, str], numbers: NDArray[np.int64]) -> NDArray[np.str_]:
-    """Return the ids of objects with registry numbers; unknown numbers have empty ids."""
+    """Return the ids of objects with the given registry numbers; unknown numbers have empty ids."""
     unique, inverse = np.unique(numbers, return_inverse=True)
     texts = np.array([names.get(int(n), "") for n in unique] or [""], np.str_)
     return np.asarray(texts[inverse.reshape(numbers.shape)])

@@ -90,8 +90,8 @@ def channel(
     The channel coefficient h is the sum of the amplitudes of the line of sight and of all specular
     paths via flat mirrors, with exact near fields (docs/channel.md). \\|h\\|^2 is the ratio of
     received to transmitted power. The parameter ``normalise`` of the plugins defines both powers.
-    By default they are radiated powers, so in the far field Friis' formula holds with
-    directivities. Waves have the phase exp(i k r - i omega t). Scattered light is not included.
+    By default, both powers are radiated powers, so Friis' formula with directivities holds in the
+    far field. Waves have the phase exp(i k r - i omega t). Scattered light is not included.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def channel(
 
 
 def checked_frequencies(frequencies: Any) -> Floats:
-    """Convert a number in Hz, a string or several of them to an array (n,) of frequencies in Hz.
+    """Convert one or several numbers in Hz or strings to an array (n,) of frequencies in Hz.
 
     Raises ArgumentError or QuantityError for other values.
     """
@@ -202,7 +202,7 @@ class CoherentPath:
 
 @dataclass(frozen=True, eq=False)
 class NormalisedSource:
-    """Emitter or receiver with normalised power, divided into parts by polarisation."""
+    """Emitter or receiver with normalised power, divided into parts of different polarisation."""
 
     source: PlacedSource
     parts: tuple[tuple[PlacedSource, Complex], ...]
@@ -213,7 +213,8 @@ class NormalisedSource:
     def root_of_fraction(self, part: PlacedSource, is_complete: bool, wavelength: float) -> float:
         """Return the square root of a part's fraction of the power of the source.
 
-        ``is_complete`` means that ``part`` is one of ``parts``, not a piece of one.
+        ``is_complete`` is true if ``part`` is an item of ``parts``, and false if it is a piece of
+        an item.
         """
         if is_complete and len(self.parts) == 1 and self.source.normalise == "radiated":
             return 1.0
@@ -259,8 +260,8 @@ def paths_between(
 ) -> tuple[list[CoherentPath], Complex, list[str]]:
     """Return the paths between an emitter and a receiver, and notes on excluded effects.
 
-    The complex amplitudes (n, paths) at n frequencies in Hz, with the phases of propagation, are
-    the second of three results. The sources of ``scene`` must be hidden.
+    The second of the three results contains the complex amplitudes (n, paths) at n frequencies in
+    Hz, including the phases of propagation. The sources of ``scene`` must be hidden.
     """
     link = f"from {emitter.name!r} to {receiver.name!r}"
     check_unit(emitter, receiver)
@@ -296,7 +297,7 @@ def _specular_path(
 ) -> tuple[CoherentPath, list[str]] | str:
     """Return a path via mirrors and its notes, or the reason why no power arrives.
 
-    ``chain`` is empty for the line of sight; ``meshes`` is None without diffraction.
+    ``chain`` is empty for the line of sight. ``meshes`` is None if diffraction is not included.
     """
     result = open_path(scene, ends[0].source, ends[1].source, chain, meshes, coherent=True)
     if isinstance(result, str):
@@ -322,7 +323,7 @@ def _specular_path(
 def _polarisation_factor(
     emitted: Complex, received: Complex, ends: Ends, chain: Chain, legs: CentralPath
 ) -> complex:
-    """Return the polarisation factor e_r . E of both Jones vectors, without conjugation.
+    """Return the polarisation factor e_r.E of a path for two Jones vectors, without conjugation.
 
     ``legs`` is the path between the ends, via the mirrors of ``chain``.
     """
@@ -386,8 +387,8 @@ def _echo_coupling(
 ) -> complex:
     """Return the coupling of two ends via a conducting body at a wavelength in m.
 
-    ``chains`` and ``legs`` lead from each end to the body. Polarisations are included, and
-    obstacles are not.
+    ``chains`` and ``legs`` lead from each end to the body. The coupling includes polarisations but
+    not obstacles.
     """
     sides = []
     for end, chain, leg in zip(ends, chains, legs, strict=True):
@@ -423,8 +424,8 @@ def _in_band(compute: Callable[[float], Complex], frequencies: Floats, tolerance
     """Evaluate a smooth function at n frequencies, by Chebyshev interpolation if that saves calls.
 
     ``compute`` returns an array of k complex values for a frequency, and the result has the shape
-    (n, k). The number of nodes is doubled until the error at the new nodes is below ``tolerance``,
-    relative to the largest modulus of each of the k values.
+    (n, k). The number of nodes is doubled until the error of each of the k values at the new nodes
+    is below ``tolerance`` times the largest modulus of this value.
     """
     low, high = float(frequencies.min()), float(frequencies.max())
     steps = _NODE_COUNTS[-1] - 1
@@ -506,7 +507,8 @@ def _dataset(
 ) -> xarray.Dataset:
     """Return the channel as a dataset.
 
-    ``links`` contains the paths and amplitudes of each receiver and emitter, receiver by receiver.
+    ``links`` contains the paths and amplitudes of each pair of a receiver and an emitter, sorted by
+    receiver.
     """
     present = {path.route for paths, _ in links for path in paths}
 

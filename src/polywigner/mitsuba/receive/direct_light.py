@@ -53,8 +53,8 @@ from polywigner.source.polarisation import Stokes
 def free_space_coupling(parts: FacingParts, tolerance: float) -> float:
     """Return the ratio of received to radiated power in free space, without polarisation.
 
-    The ratio is the weighted sum of |b|^2, with b of :func:`polywigner.coupling`, over the mutually
-    incoherent waves of emitter and receiver.
+    The ratio is the weighted sum of |b|^2 over the mutually incoherent waves of emitter and
+    receiver, where b is the result of :func:`polywigner.coupling`.
     """
     emitter, receiver = parts.emitter, parts.receiver
     link = f"the link from emitter {emitter.name!r} to receiver {receiver.name!r}"
@@ -145,7 +145,7 @@ def direct_light(
 
 
 def _coupling_terms(image: PlacedSource, receiver: PlacedSource, tolerance: float) -> list[Term]:
-    """Return the coupling in free space of each pair of polarised fields of both ends."""
+    """Return the free-space coupling for each pair of polarised fields of emitter and receiver."""
     terms = []
     for (sent, stokes_sent), (taken, stokes_taken) in product(image.fields, receiver.fields):
         parts = facing_parts(replace(image, source=sent), replace(receiver, source=taken))
@@ -182,7 +182,7 @@ _TOLERANCE = 1e-6
 
 
 class DeltaLight(NamedTuple):
-    """Light that illuminates each point from a single direction (delta light)."""
+    """Light that reaches each point from a single direction (delta light)."""
 
     name: str
     emitter: Any
@@ -224,7 +224,7 @@ def delta_direct_light(scene: Any, receiver: PlacedSource, chains: list[Chain]) 
 
 
 def delta_paths(scene: Any, receiver: PlacedSource, chains: list[Chain]) -> list[DirectPath]:
-    """Return the paths with power from all delta lights to a receiver."""
+    """Return the paths along which power arrives from delta lights at a receiver."""
     lights = delta_lights(scene)
     if lights and receiver.obliquity not in CONDITIONS:
         raise SceneError(
@@ -271,7 +271,7 @@ def _delta_path(
 def _starts(
     scene: Any, receiver: PlacedSource, light: DeltaLight, end: Floats, chain: Chain
 ) -> tuple[Floats, Floats]:
-    """Return the starts (n, 3) of rays from a light to ``end``, and the light's mirror image, in m.
+    """Return start points (n, 3) of rays from a light to ``end``, and the light's image, in m.
 
     The image of a directional light is a point 1 m away from the receiver, towards the light.
     """
@@ -306,7 +306,7 @@ def _sampled_light(
 
 
 def _emission(light: DeltaLight, points: Floats, unit: float) -> Floats:
-    """Return the radiant intensity in W/sr, or the irradiance in W/m^2 of a directional light.
+    """Return the radiant intensity in W/sr or, for directional lights, the irradiance in W/m^2.
 
     ``points`` (n, 3) are the illuminated points in scene units of ``unit`` metres.
     """
@@ -327,7 +327,7 @@ _SAMPLES = 24
 
 
 def _wavelength_samples() -> list[Drjit]:
-    """Return samples of wavelengths in nm, or one empty sample if the variant has none."""
+    """Return wavelength samples in nm, or one empty sample if the variant has no wavelengths."""
     none = dr.zeros(mi.SurfaceInteraction3f).wavelengths
     kind, count = type(none), dr.size_v(type(none))
     if not count:
@@ -340,9 +340,9 @@ def _wavelength_samples() -> list[Drjit]:
 def _effective_areas(receiver: PlacedSource, image: Floats, is_infinite: bool) -> list[Term]:
     """Return the effective area of each polarised field of a receiver in m^2.
 
-    ``image`` is the position of the light or its mirror image in m, which only specifies a
-    direction if the light ``is_infinite``. The areas have the form of coupling terms with
-    unpolarised light.
+    ``image`` is the position of the light or its mirror image in m. If the light ``is_infinite``,
+    this position only specifies a direction. Each area is returned in the form of a coupling term
+    with unpolarised light.
     """
     axes = receiver.pose[:3, :3]
     point, scale = axes.T @ (image - receiver.pose[:3, 3]), 1 / (4 * math.pi)

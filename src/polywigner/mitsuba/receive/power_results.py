@@ -28,12 +28,12 @@ OTHER_LIGHTS = "other lights"
 
 
 def dbm_of(watts: float) -> float | None:
-    """Return a power in dBm, or None unless it is positive."""
+    """Convert a power in W to dBm; return None unless the power is positive."""
     return 10 * math.log10(watts / 1e-3) if watts > 0 else None
 
 
 def dbm_text(watts: float) -> str:
-    """Return a power in W as a text in dBm, or "none" or "below zero" if it is not positive."""
+    """Format a power in W in dBm; zero is "none", and a negative power is "below zero"."""
     if watts > 0:
         return f"{dbm_of(watts):.2f} dBm"
     return "none" if watts == 0 else "below zero"
@@ -139,12 +139,12 @@ class ReceivedPower:
 
     @property
     def noise_power(self) -> float | None:
-        """Noise power k T B F in W; None without a temperature and a bandwidth."""
+        """Noise power k T B F in W, or None if the temperature or the bandwidth is unknown."""
         return noise_power_of(self.bandwidth, self.temperature, self.noise_figure)
 
     @property
     def snr(self) -> float | None:
-        """Ratio of signal power to noise power (not in dB), or None without noise."""
+        """Ratio of signal to noise power (not in dB), or None if the noise power is unknown."""
         noise = self.noise_power
         return None if noise is None else self.power / noise
 
@@ -152,7 +152,7 @@ class ReceivedPower:
         return self.power
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all values as numbers and strings, which JSON supports."""
+        """Return all values as numbers and strings that JSON supports."""
         return {
             "receiver": self.receiver,
             "wavelength_m": self.wavelength,
@@ -227,7 +227,7 @@ def noise_power_of(
 
 
 def _path_dict(path: DirectPath) -> dict[str, Any]:
-    """Return the values of a path as numbers and strings, which JSON supports."""
+    """Return the values of a path as numbers and strings that JSON supports."""
     wave = path.amplitude
     return {
         "mirrors": list(path.mirrors),
@@ -303,7 +303,7 @@ def described(
     coords: Mapping[str, Any],
     about: Mapping[str, Any],
 ) -> xarray.Dataset:
-    """Create a dataset; its attributes are ``about`` and the version of this package."""
+    """Create a dataset with the attributes ``about`` and the version of this package."""
     from polywigner import __version__
 
     return labelled_arrays(

@@ -110,7 +110,7 @@ class RayTracer:
     """Tracer of rays along paths through a scene with hidden sources.
 
     ``polarised`` tracers return Mueller matrices. ``coherent`` tracers exclude the effects of
-    mirrors and panes on fields, which the caller applies to field vectors.
+    mirrors and panes on fields; the caller applies these effects to field vectors.
     """
 
     def __init__(self, scene: Any, polarised: bool, coherent: bool) -> None:
@@ -163,7 +163,8 @@ class RayTracer:
     def unobstructed(self, si: Any, point: Any) -> Drjit:
         """Return the transmission from a surface to a point of a light, without fog.
 
-        It is a Mueller matrix for polarised tracers, and zero if a surface blocks the light.
+        The transmission is a Mueller matrix for polarised tracers, and zero if a surface blocks the
+        light.
         """
         medium = mi.MediumPtr(None) if dr.is_jit_v(mi.Float) else None
         it, passed, _, _ = self._to_first_surface(si.spawn_ray_to(point), medium)
@@ -176,10 +177,10 @@ class RayTracer:
     def _to_first_surface(
         self, ray: Any, medium: Any, plane: Plane | None = None
     ) -> tuple[Drjit, Drjit, Drjit, list[Drjit]]:
-        """Trace rays to the first surface that is not null, or to a nearer mirror in ``plane``.
+        """Trace rays to the first surface that is not a null surface, or to a nearer mirror.
 
-        Return the intersection, the transmission up to it, the medium in front of it, and the
-        fields behind all panes for incident fields along x, y and z.
+        The mirror lies in ``plane``. Return the intersection, the transmission up to it, the medium
+        in front of it, and the fields behind all panes for incident fields along x, y and z.
         """
         fraction, moves = self._full_transmission(), mi.Bool(True)
         columns = [mi.Vector3f(*axis) for axis in np.eye(3).tolist()]
@@ -244,8 +245,8 @@ class RayTracer:
     def _reflectance(self, si: Any, active: Any, plane: Plane) -> Drjit:
         """Return the power reflectance of a mirror, or zero if a normal map tilts the ray.
 
-        Polarised tracers return a Mueller matrix, and coherent tracers the ratio to the Fresnel
-        reflectance.
+        Polarised tracers return a Mueller matrix. Coherent tracers return the ratio of the
+        reflectance to the Fresnel reflectance.
         """
         nodes = bsdfs_in(plane.shape.bsdf())
         masks = list(takewhile(lambda node: node.class_name() == MASK, nodes))
@@ -273,13 +274,13 @@ class RayTracer:
 
 
 def _both_sides(before: Surface, behind: Surface, cosine: Floats) -> list[Floats]:
-    """Return 1 over Mitsuba's reflectance, and the real amplitude coefficients for s and p waves.
+    """Return 1/(Mitsuba's reflectance) and the real amplitude coefficients for s and p waves.
 
-    A negative cosine selects the surface ``behind``.
+    For a negative cosine, the surface ``behind`` is used.
     """
 
     def values(surface: Surface) -> list[Floats]:
-        """Return the three numbers for one surface."""
+        """Return the three results of `_both_sides` for one surface."""
         reflectance = surface.reflectance_in_mitsuba(np.abs(cosine))
         fields = surface.coefficients(np.abs(cosine))
         return [1.0 / np.where(reflectance > 0.0, reflectance, 1.0), *(r.real for r in fields)]
@@ -306,7 +307,10 @@ def _opacity(masks: list[Any], si: Any, active: Any) -> Drjit:
 
 
 def _s_axis(normal: Any, direction: Any) -> Drjit:
-    """Return the s axis, the unit vector of normal x direction; arbitrary at normal incidence."""
+    """Return the s axis: the unit vector along normal x direction.
+
+    The axis is arbitrary at normal incidence.
+    """
     across = dr.cross(mi.Vector3f(normal), direction)
     length = dr.norm(across)
     is_oblique = length > _NORMAL_INCIDENCE
@@ -340,7 +344,7 @@ def _is_shape(pointer: Any, shape: Any) -> Drjit:
 
 
 def _is_apart(point: Any, plane: Plane) -> Drjit:
-    """Return whether a point is farther from a plane than the rounding errors."""
+    """Return whether the distance of a point from a plane exceeds the rounding errors."""
     return dr.abs(dr.dot(point, plane.normal) - plane.offset) > plane.rounding
 
 

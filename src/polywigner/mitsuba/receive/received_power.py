@@ -93,11 +93,11 @@ def received_power(
     """Return the power at a receiver of a scene in W, with its standard error.
 
     The power is the sum of direct and scattered light (docs/received_power.md). Direct light
-    reaches the receiver along the line of sight and via flat mirrors. It is computed exactly by
-    :func:`polywigner.coupling` of the receiver with the emitter or its mirror images, and
-    multiplied by the fraction of rays that pass obstacles. Light that surfaces and fog scatter is
-    sampled by the ``wigner_receiver`` sensor. Powers are added without interference, unless
-    ``coherent`` is true.
+    reaches the receiver along the line of sight and via flat mirrors. Direct light is computed
+    exactly as the :func:`polywigner.coupling` of the receiver with the emitter or its mirror
+    images, and multiplied by the fraction of rays that pass obstacles. Light scattered by surfaces
+    and fog is sampled by the ``wigner_receiver`` sensor. Powers are added without interference,
+    unless ``coherent`` is true.
 
     Parameters
     ----------
@@ -188,7 +188,7 @@ def received_powers(
 
 
 def index_of(receivers: list[tuple[int, Any]], receiver: int | str | None) -> int:
-    """Return the index in ``receivers`` of an id or index; None selects the only receiver."""
+    """Return the index of ``receiver`` (an id, an index, or None for the only receiver)."""
     names = [sensor.id() for _, sensor in receivers]
     if receiver is None and len(receivers) == 1:
         return 0
@@ -259,7 +259,7 @@ def matched_ends(
 def _scattering_settings(
     scene: Any, sensor: int, options: ReceiveOptions, unit: float, edges: Floats | None
 ) -> Scattering:
-    """Return the settings for sampling the light scattered to the sensor with this index.
+    """Return the settings for sampling the light scattered to the sensor with the index ``sensor``.
 
     ``unit`` is the length of a scene unit in m, and ``edges`` are edges of range bins in m. Raises
     SceneError for integrators that compute no radiance.
@@ -386,8 +386,8 @@ _FINE, _COARSE = (64, 64), (24, 4)
 def arrival_map(scene: Any, receiver: int, seed: int = 0) -> NDArray[np.float64]:
     """Return a map (n, n) of scattered and incoherent power in W by direction of arrival.
 
-    Rows and columns are evenly spaced in the direction cosines along the receiver's y and x axes,
-    from -1 to 1, of directions away from the receiver. ``receiver`` is an index in
+    Rows and columns are evenly spaced from -1 to 1 in the direction cosines along the receiver's y
+    and x axes. The directions point away from the receiver. ``receiver`` is an index in
     ``receivers_of(scene)``.
     """
     _, original = receivers_of(scene)[receiver]
@@ -417,10 +417,10 @@ _MOST_NAMED, _LEAST_NAMED = 5, 0.01
 def shapes_in(
     scene: Any, receiver: int, image: NDArray[np.float64]
 ) -> dict[str, tuple[float, float]]:
-    """Return the mean direction cosines (x, y) of the shapes from which most power arrives, by id.
+    """Return the mean direction cosines (x, y) of the strongest shapes, with shape ids as keys.
 
-    At most 5 shapes are returned. ``image`` is the map (n, n) that `arrival_map` returns for the
-    same ``receiver``.
+    The strongest shapes are those from which most power arrives. At most 5 shapes are returned.
+    ``image`` is the map (n, n) that `arrival_map` returns for the same ``receiver``.
     """
     placed = placed_receiver(scene, receivers_of(scene)[receiver][1], receiver)
     axis = (np.arange(len(image)) + 0.5) * 2 / len(image) - 1

@@ -186,7 +186,7 @@ class AimedDirections:
         return self._mixture_density(angles, self._others.density(angles))
 
     def _mixture_density(self, angles: Any, others: Any) -> Drjit:
-        """Return the density of all samples from the density ``others`` of unaimed samples."""
+        """Return the density of all samples; ``others`` is the density of the unaimed samples."""
         return _AIMED * self._box_sum(partial(_density_in, angles)) + (1 - _AIMED) * others
 
     def _box_sum(self, term: Callable[[Any], Any]) -> Drjit:
@@ -238,7 +238,8 @@ class Scattering:
     def values(self) -> tuple[int, ...]:
         """Shape of the power of one light in a batch.
 
-        The shape is (). With range bins, it is (bins + 2,), including shorter and longer paths.
+        The shape is () without range bins, and (bins + 2,) with range bins. The two additional
+        values belong to shorter and longer paths.
         """
         return () if self.edges is None else (len(self.edges) + 1,)
 
@@ -272,7 +273,7 @@ class Scattering:
 
 
 def lights_of(scene: Any) -> list[mi.Emitter | None]:
-    """Return the separately rendered lights: None for all incoherent lights, then sources."""
+    """Return the lights to render separately: None (all incoherent lights), then each source."""
     sources = wigner_emitters(scene)
     return ([None] if len(sources) < len(scene.emitters()) else []) + sources
 

@@ -200,8 +200,8 @@ def events_of(
 ) -> Iterator[Events]:
     """Trace paths, and yield the events of each step, without powers and intensities.
 
-    ``first`` (n, 2) are uniform random numbers that select the first lights. ``meets_lights`` means
-    that the scene has lights that rays can hit.
+    ``first`` (n, 2) are uniform random numbers that select the first lights. ``meets_lights`` is
+    true if the scene has lights that rays can hit.
     """
     count, steps = len(first), Steps(scene, most_bounces, meets_lights)
     state: Events = np.zeros(count, EVENT).view(np.recarray)
@@ -277,7 +277,7 @@ def _host_array(value: Drjit, count: int) -> NDArray[Any]:
 
 
 def _velocities_of(table: dict[int, Floats], numbers: NDArray[np.int64]) -> Floats:
-    """Return the velocities (n, 3) of objects by registry numbers; zero if a number is unknown."""
+    """Return the velocities (n, 3) of objects by registry number, or zero for unknown numbers."""
     result = np.zeros((len(numbers), 3))
     for number, velocity in table.items():
         result[numbers == number] = velocity

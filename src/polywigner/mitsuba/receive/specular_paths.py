@@ -112,7 +112,7 @@ def _rays_between(
 
 
 def points_by(start: Floats, end: Floats, chain: Sequence[Mirror]) -> list[Floats]:
-    """Return the points of specular rays via the planes of mirrors, in m.
+    """Return the points, in m, of specular rays via the planes of mirrors.
 
     ``start`` and ``end`` are points (n, 3). The order of the result is: end, mirrors in reverse
     order, start. Rays that miss a plane are omitted.
@@ -162,10 +162,11 @@ class CentralPath(NamedTuple):
         return float(np.linalg.norm(across) / math.sqrt(2.0))
 
     def arriving(self, jones: Complex, axes: Floats, chain: Sequence[Mirror] = ()) -> Complex:
-        """Return the electric field (3,) in the scene at the end for a Jones vector at the start.
+        """Return the electric field (3,) at the end of the path for a Jones vector at its start.
 
-        The distance changes neither phase nor modulus. ``axes`` (3, 3) are the axes of the source
-        in its columns, and the Jones vector is in Ludwig's axes.
+        The field is in the axes of the scene. The distance changes neither phase nor modulus.
+        ``axes`` (3, 3) are the axes of the source in its columns, and the Jones vector is in
+        Ludwig's axes.
         """
         steps = np.diff(self.points, axis=0)
         steps /= np.linalg.norm(steps, axis=1)[:, None]
@@ -221,7 +222,7 @@ def diffracted_ratio(
 def _receiving_points(
     points: Sequence[RadiatingPoint], axes: Floats, origin: Floats
 ) -> tuple[Floats, Complex]:
-    """Return the positions and complex weights with which a receiver sums a field.
+    """Return the positions at which a receiver samples a field, and the samples' complex weights.
 
     The positions have the shape (n, 3), and the weights (n,). The positions, and the receiver's
     pose ``axes`` and ``origin``, are in the emitter's frame, in wavelengths. By reciprocity, a
@@ -333,7 +334,7 @@ def even_points(count: int, dimensions: int, shift: float | Floats = 0.5) -> Flo
 
 
 def points_on(source: PlacedSource, dimensions: slice = slice(2, 4)) -> Floats:
-    """Return quasi-random points (n, 3) in the scene on a source, with the density |u|^2, in m.
+    """Return quasi-random points (n, 3) on a source with the density |u|^2, in scene axes in m.
 
     ``dimensions`` selects two of four quasi-random numbers, so that two sources can use different
     numbers.
@@ -357,8 +358,9 @@ def trace_rays(
     The ``points`` are in m, on the receiver, on the mirrors in reverse order, and on the
     emitter. Rays end at the last point if ``emitter`` is None.
 
-    Returns the transmission (n, k, k) of each ray, with k = 1, or k = 4 for Mueller matrices, and
-    the mean matrix (3, 3) of the panes on each segment, from the emitter to the receiver.
+    Returns the transmission (n, k, k) of each ray, where k is 4 for Mueller matrices and otherwise
+    1. Also returns the mean matrix (3, 3) of the panes on each segment, in the order from the
+    emitter to the receiver.
     """
     unit = receiver.scene_unit
     ends = [receiver] if emitter is None else [receiver, emitter]
@@ -397,7 +399,8 @@ def trace_rays(
 def _pane_matrices(result: Transmission, legs: int) -> Floats:
     """Return the matrices of the panes on each of ``legs`` segments, shape (n, legs, 3, 3).
 
-    Segments are in the order of the rays, and the rows are the fields for incident x, y and z.
+    Segments are in the order of the rays. The rows are the fields for incident fields along x, y
+    and z.
     """
     # Segments are missing if all rays miss a mirror.
     columns = result.panes + [result.panes[0]] * (legs - len(result.panes))
@@ -466,7 +469,7 @@ def open_path(
     meshes: list[Mesh] | None,
     coherent: bool = False,
 ) -> OpenPath | str:
-    """Trace rays from an emitter via mirrors to a receiver; return the reason if none arrives.
+    """Trace rays from an emitter via mirrors to a receiver; if no ray arrives, return the reason.
 
     If ``meshes`` is not None, obstacles diffract, and only the mirrors affect the rays.
     """

@@ -60,7 +60,7 @@ Chain = tuple[Mirror, ...]
 
 
 def reflected_points(points: Floats, chain: Chain) -> Floats:
-    """Return the mirror images of points (..., 3) in m after reflections by mirrors in turn."""
+    """Return the mirror images of points (..., 3) in m after successive reflections by mirrors."""
     for mirror in chain:
         points = mirror.image_of(points)
     return points
@@ -112,7 +112,7 @@ def _quoted(names: list[str]) -> str:
 
 
 def chains_of(mirrors: list[Mirror], most: int) -> Iterator[Chain]:
-    """Yield sequences of 1 to ``most`` mirrors without immediate repetitions.
+    """Yield sequences of 1 to ``most`` mirrors in which no mirror follows itself.
 
     Raises SceneError for too many sequences.
     """
@@ -198,8 +198,8 @@ class Surface:
     def coefficients(self, cosine: Any) -> tuple[Complex, Complex]:
         """Return the reflection coefficients of the electric field for s and p polarisation.
 
-        ``cosine`` belongs to the angle of incidence. The unit vector of p polarisation is s x k
-        before and after reflection, so a perfect conductor has the coefficients -1 and +1. The
+        ``cosine`` is the cosine of the angle of incidence. The unit vector of p polarisation is s x
+        k before and after reflection, so a perfect conductor has the coefficients -1 and +1. The
         modulus for a sheet is the square root of 2R/(1 + R), with the reflectance R of one face.
         The time factor is exp(-i omega t).
         """
@@ -229,14 +229,15 @@ class Surface:
 
 
 def _sheet_reflectance(power: Any) -> Floats:
-    """Return 2R/(1 + R), the reflectance of a thin sheet whose faces have reflectance R."""
+    """Return the reflectance 2R/(1 + R) of a thin sheet whose faces each have the reflectance R."""
     return 2 * power / (1 + power)
 
 
 def surface_of(mirror: Mirror, is_before: bool) -> Surface:
     """Return the front surface of a mirror if ``is_before`` is true, otherwise its back surface.
 
-    The front is the side of the mirror's normal. Raises SceneError if the reflection has no phase.
+    The front is the side of the mirror's normal. Raises SceneError if the phase of the reflection
+    is not defined.
     """
     nodes = bsdfs_in(mirror.shape.bsdf())
     smooth = [node for node in nodes if node.class_name() in _SURFACES]
@@ -418,7 +419,7 @@ Result = TypeVar("Result")
 def paths_by(
     routes: Iterable[Route], link: str, find: Callable[[Any], tuple[Result, list[str]] | str]
 ) -> tuple[list[Result], list[str]]:
-    """Apply ``find`` to all routes of a link, and return its results and notes on them.
+    """Apply ``find`` to all routes of a link, and return all results and notes.
 
     ``find`` returns a result and its notes, or the reason why no power arrives. Such reasons become
     notes only for the line of sight and for echoes without mirrors. ``link`` names the link in

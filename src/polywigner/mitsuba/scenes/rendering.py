@@ -177,7 +177,7 @@ _STOKES = "stokes"
 
 
 def _integrator(scene: mi.Scene, integrator: Any) -> tuple[mi.Integrator, mi.Integrator]:
-    """Return an integrator and its nested radiance integrator, or the same integrator twice."""
+    """Return an integrator and its nested radiance integrator (the same if nothing is nested)."""
     adds_stokes = isinstance(integrator, str) and integrator.split()[:1] == [_STOKES]
     if adds_stokes:
         integrator = integrator.strip()[len(_STOKES) :].strip() or None
@@ -223,7 +223,7 @@ def _warn_of_shadows(scene: mi.Scene, integrator: mi.Integrator) -> None:
 def receiving(scene: Any) -> Iterator[None]:
     """Give plugins access to the scene while ``mi.render`` or another renderer runs.
 
-    The estimator ``exact`` of receivers, and diffraction, require the scene.
+    Diffraction and the receiver estimator ``exact`` require the scene.
     :func:`polywigner.mitsuba.render` calls this function itself.
 
     Warns
@@ -308,7 +308,10 @@ _MOST_MIRRORS = 2
 
 
 def with_delta_lights(exposure: Exposure, image: Image) -> Image:
-    """Add the direct light of delta lights to a copy of a receiver's image; return other images."""
+    """Add the direct light of delta lights to a copy of a receiver's image.
+
+    Images of other sensors are returned unchanged.
+    """
     scene, camera, method = exposure.scene, exposure.camera, exposure.integrator
     names = method.class_name() + type(method).__name__
     if not surfaces.is_receiver(camera) or method.hide_emitters or not delta_lights(scene):
@@ -337,7 +340,10 @@ _HIDDEN_SCALE = 1e-3
 
 @contextmanager
 def hide_emitters(scene: mi.Scene) -> Iterator[None]:
-    """Hide coherent sources from rays within a ``with`` block; they still illuminate the scene."""
+    """Hide coherent sources from rays within a ``with`` block.
+
+    The hidden sources still illuminate the scene.
+    """
     sources = surfaces.wigner_emitters(scene)
     null = mi.BSDFFlags.Null
     visible = [source.get_shape() for source in sources if source.spec.visible]
@@ -357,7 +363,7 @@ def hide_emitters(scene: mi.Scene) -> Iterator[None]:
 def polarised_by_default(
     scene: mi.Scene, polarisation: Complex | None
 ) -> AbstractContextManager[None]:
-    """Set the polarisation of sources and receivers without one within a ``with`` block.
+    """Set the polarisation of sources and receivers that have none, within a ``with`` block.
 
     ``polarisation`` is a Jones vector; None changes nothing.
     """

@@ -222,9 +222,9 @@ def receive_parts(
 ) -> tuple[list[ReceivedPower], xarray.Dataset | None]:
     """Compute :func:`received_powers` of a scene that was loaded from a file.
 
-    With ``edges`` of range bins in m, the :func:`range_profile` of the same samples is also
-    returned, otherwise None. ``keeping`` contains ``store``, ``scheduler``, ``threads`` and
-    ``progress``.
+    If ``edges`` of range bins in m are specified, the second result is the :func:`range_profile` of
+    the same samples. Otherwise, the second result is None. ``keeping`` contains ``store``,
+    ``scheduler``, ``threads`` and ``progress``.
     """
     numbers = list(range(len(receivers_of(scene))))
     sample = partial(_sampled, file, scene, **keeping)
@@ -257,7 +257,10 @@ def _sampled(
 
 
 def _batch(plans: Sequence[Scattering], scene: Any, origin: Index) -> npt.NDArray[np.float64]:
-    """Render the batch ``origin`` (receiver, batch, ...), with the shape (1, 1, lights, ...)."""
+    """Render the batch with the index ``origin`` (receiver, batch, ...).
+
+    The result has the shape (1, 1, lights, ...).
+    """
     receiver, batch, *_ = origin
     with hide_emitters(scene), aimed(scene):
         return plans[receiver].batch(scene, batch)[None, None]

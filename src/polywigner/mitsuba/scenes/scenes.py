@@ -182,7 +182,7 @@ class SceneFile:
 
 @one_at_a_time
 def _load(how: SceneFile, entries: dict[str, Any]) -> mi.Scene:
-    """Load a scene from the file ``how.path``, or if it is None, from ``entries``."""
+    """Load a scene from the file ``how.path``, or from ``entries`` if ``how.path`` is None."""
     if how.variant is not None or mi.variant() is None:
         mi.set_variant(choose_variant(how.variant))
     register()
@@ -236,7 +236,7 @@ def has_wigner_emitter(scene: Any) -> bool:
 
 
 def translate_error(error: Exception) -> PolywignerError:
-    """Convert an error of Mitsuba's scene loaders to an error with a message of one line.
+    """Convert an error of Mitsuba's scene loaders to an error with a one-line message.
 
     Parameters
     ----------
@@ -444,7 +444,7 @@ class _CheckedFiles:
                     self.add_xml(path, level + 1)
 
     def _with_parameters(self, text: str) -> str:
-        """Return a text with the values of its ``$parameters``."""
+        """Return a text in which the ``$parameters`` are replaced by their values."""
         for name in sorted(self.values, key=len, reverse=True) if "$" in text else ():
             text = text.replace(f"${name}", self.values[name])
             check_bytes(len(text), LARGEST_SCENE, "text after substitution of $parameters")

@@ -137,9 +137,10 @@ _FLAT = ("Rectangle", "Disk", "Instance")
 
 
 def extent_near(scene: mi.Scene, corners: Floats) -> float:
-    """Return the largest absolute coordinate of a source and of flat surfaces that touch its box.
+    """Return the largest absolute coordinate of a source and of flat surfaces near it.
 
-    ``corners`` (n, 3) are the corners of the source in scene units.
+    Surfaces are near if they touch the bounding box of the source. ``corners`` (n, 3) are the
+    corners of the source in scene units.
     """
     low, high = corners.min(axis=0), corners.max(axis=0)
     result = float(np.abs(corners).max())
@@ -166,7 +167,7 @@ def _largest_coordinate_in_box(mesh: mi.Mesh, low: Floats, high: Floats) -> floa
 def bounds_of(shape: mi.Shape) -> Floats:
     """Return the bounding box (2, 3) of a shape, even if Mitsuba has merged its mesh.
 
-    The rows are the lower and the upper corner in scene units; zeros for an empty shape.
+    The rows are the lower and the upper corner in scene units, or zeros if the shape is empty.
     """
     box = shape.bbox()
     if not box.valid() and shape.is_mesh():
@@ -181,7 +182,7 @@ def largest_coordinate(point: Drjit) -> Drjit:
 
 
 def shadow_end(it: mi.Interaction3f, end: Drjit, normal: Drjit, extent: Drjit) -> Drjit:
-    """Return a point for ``spawn_ray_to`` whose shortened shadow ray ends just before ``end``.
+    """Return the target for ``spawn_ray_to`` with which a shadow ray ends just before ``end``.
 
     ``extent`` is the largest coordinate of the source and of adjacent surfaces, and ``normal`` the
     unit normal of the source.
@@ -320,8 +321,8 @@ def _chords(radius: float) -> int:
 def _revolved(profile: Any, radius: float) -> tuple[Floats, Indices]:
     """Return vertices and faces of a profile that is rotated about the z axis.
 
-    ``profile`` contains pairs of a radius and a height, and ``radius`` in wavelengths determines
-    the number of chords.
+    ``profile`` contains pairs of a radius and a height. ``radius`` in wavelengths determines the
+    number of chords.
     """
     count = _chords(radius)
     angles = np.linspace(0.0, 2.0 * math.pi, count, endpoint=False)
