@@ -203,7 +203,7 @@ assert abs(ratio - (1 - loss)) < 0.2 * loss
 # :math:`D/(\lambda f)`, with D the reach of the pupil along this direction. Pixels multiply by a
 # sinc.
 
-band = np.linspace(1.5e-6, 2.5e-6, 7)
+band = np.linspace(1.5e-6, 2.5e-6, 5)
 PIXEL = 18e-6
 cycles = np.linspace(0, 36, 73)
 along = 1e3 * np.stack([cycles, 0 * cycles], axis=-1)
@@ -240,16 +240,12 @@ axes.legend(frameon=False)
 
 # %%
 # Pistons and tilts are path lengths. ``pw.mtf`` uses their phases at each wavelength, so the
-# array for 2 µm serves the band. The phases of 2 µm at all wavelengths, as phase shifters
-# would have them, give another curve:
+# array for 2 µm serves the band. The longest wavelength shows it. The phases of 2 µm at all
+# wavelengths, as phase shifters would have them, give another curve:
 
-own = [
-    pw.otf(pw.segmented_pupil(segments, length, piston, tilt), along * length * FOCAL_LENGTH)
-    for length in band
-]
-assert np.allclose(
-    curves["the same, segments out of place"], np.abs(np.mean(own, axis=0)), atol=1e-12
-)
+longest = band[-1]
+own = pw.otf(pw.segmented_pupil(segments, longest, piston, tilt), along * longest * FOCAL_LENGTH)
+assert np.allclose(pw.mtf(mirror, along, longest, FOCAL_LENGTH), np.abs(own), atol=1e-12)
 fixed = [pw.otf(mirror, along * length * FOCAL_LENGTH) for length in band]
 apart = np.abs(np.abs(np.mean(fixed, axis=0)) - curves["the same, segments out of place"]).max()
 print(f"with the phases of 2 µm the MTF would change by up to {apart:.3f}")
