@@ -62,6 +62,16 @@ def test_no_value_jumps_where_edges_coincide(name, precision, engine):
 AS_CODE = 1 << 18
 
 
+@engines
+def test_a_hole_that_single_precision_reduces_to_a_point_has_no_effect(engine):
+    ring = pw.shapes.regular_polygon(6, 1.0).rings[0]
+    source = pw.Aperture(shapely.Polygon(ring, [1e-9 * ring]))
+    xi, upsilon = np.random.default_rng(0).uniform(-1.5, 1.5, (40, 2)), np.zeros((40, 2))
+    result = pw.ambiguity(source, upsilon, xi, precision="single", engine=engine)
+    expected = pw.ambiguity(pw.Aperture(ring), upsilon, xi, engine="numpy")
+    assert np.abs(result - expected).max() < TOLERANCE["single"] * source.area
+
+
 @pytest.mark.llvm
 @pytest.mark.parametrize(
     ("name", "precision"),

@@ -72,7 +72,8 @@ class Outline:
         turns = accurate_cross(ex, ey, fx, fy)
         angles = np.arctan2(turns, ex * fx + ey * fy)
         # All turns of a convex polygon are to the left, and the turns add up to a single full turn.
-        once = np.add.reduceat(angles, self.starts[:-1]) < 3.0 * np.pi
+        # The turns of a ring that the grid reduces to a point add up to 0.
+        once = abs(np.add.reduceat(angles, self.starts[:-1]) - 2.0 * np.pi) < np.pi
         return bool((turns >= 0.0).all() and once.all())
 
     @cached_property
