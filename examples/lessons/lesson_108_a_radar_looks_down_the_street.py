@@ -208,7 +208,7 @@ axes.axhline(dbm(noise), color="0.4", ls=":", label="noise after 128 x 64 sample
 for k, distance in enumerate(distances):
     axes.axvline(distance, color="red", lw=0.6)
     axes.text(distance + 0.3, -76, f"post {k + 1}", color="red")
-axes.set(xlabel="range (m)", ylabel="dBm in a bin", ylim=(-130, -62), xlim=(0, 44))
+axes.set(xlabel="range (m)", ylabel="received power in a bin (dBm)", ylim=(-130, -62), xlim=(0, 44))
 axes.legend(loc="upper right", ncols=3)
 
 # %%
