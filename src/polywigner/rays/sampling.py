@@ -33,12 +33,12 @@ from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.directions import (
     PlaneSource,
     checked_radiator,
-    checked_unit_vectors,
     largest_lag,
 )
 from polywigner.rays.bundles import rays_dataset
 from polywigner.source import Array
 from polywigner.source.obliquities import ObliquityName, obliquity_of
+from polywigner.source.tapers import checked_unit_vectors
 from polywigner.transforms import wigner
 from polywigner.transforms.checked_calls import PhaseSpaceSource
 from polywigner.transforms.wavefronts import flat_source, is_partly_coherent

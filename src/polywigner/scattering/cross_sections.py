@@ -33,8 +33,8 @@ from polywigner.scattering.near_fields import (
     Polarisation,
     Source,
     checked_polarisations,
-    checked_unit_vectors,
     near_sections,
+    normalised_vectors,
 )
 from polywigner.transforms.traced_sources import check_no_drjit
 from polywigner.transforms.xarray_arguments import labelled_array, labelled_arrays
@@ -255,10 +255,10 @@ def far_sections(
     ``lengths``: wavelengths in m. ``warns``: whether to warn if faces illuminate each other. A
     cross section is NaN, with a warning, if its computation fails.
     """
-    receiver = checked_unit_vectors("to_radar", to_radar)
+    receiver = normalised_vectors("to_radar", to_radar)
     transmitter = receiver
     if to_transmitter is not None:
-        transmitter = checked_unit_vectors("to_transmitter", to_transmitter)
+        transmitter = normalised_vectors("to_transmitter", to_transmitter)
     polarisations: tuple[Complex, ...] = ()
     if polarisation is not None:
         polarisations = checked_polarisations(polarisation, receiver, transmitter)
@@ -402,7 +402,7 @@ class Pattern:
         if self.polarisation is not None:
             checked_choice(self.polarisation, "polarisation", get_args(Channel))
         if self.to_transmitter is not None:
-            self.to_transmitter = checked_unit_vectors("to_transmitter", self.to_transmitter, 3)
+            self.to_transmitter = normalised_vectors("to_transmitter", self.to_transmitter, 3)
         self.facets = facets_of(body)
         self.bounces = checked_count(self.bounces, "bounces", 1, MOST_BOUNCES)
 

@@ -48,7 +48,7 @@ from polywigner.scattering.facets import (
 from polywigner.source import Array
 from polywigner.source.obliquities import DEFAULT, DERIVATIVE_OF, OBLIQUITIES, BoundaryCondition
 from polywigner.source.polarisation import checked_pair
-from polywigner.source.tapers import checked_unit_vectors as unit_vectors_as_given
+from polywigner.source.tapers import checked_unit_vectors
 
 Channel = Literal["vv", "hh", "vh", "hv"]
 Polarisation = Channel | str | Sequence[Any]
@@ -58,9 +58,9 @@ Source = Aperture | Array
 _UNIT = 1e-6
 
 
-def checked_unit_vectors(name: str, vectors: Any, *shape: Any) -> Floats:
+def normalised_vectors(name: str, vectors: Any, *shape: Any) -> Floats:
     """Return unit vectors (..., 3), or a vector of ``shape`` (3,), normalised to length 1."""
-    array = unit_vectors_as_given(name, vectors, *shape)
+    array = checked_unit_vectors(name, vectors, *shape)
     return np.asarray(array / np.linalg.norm(array, axis=-1, keepdims=True))
 
 

@@ -32,7 +32,7 @@ from polywigner.kernels.outline import (
     power_of_two,
     vertices_for,
 )
-from polywigner.numerics import Number, cluster_indices, phases
+from polywigner.numerics import Number, cluster_indices, index_blocks, phases
 from polywigner.numerics.grid_arithmetic import accurate_cross
 from polywigner.numerics.phases import cos_sin_cycles, simplex_plane_wave, sinc
 
@@ -387,8 +387,7 @@ def fourier_on_grid(
     )
     shape = len(x[0]), len(y[0])
     real, imag, below = np.empty(shape), np.empty(shape), np.zeros(shape, bool)
-    step = max(1, _BLOCK // shape[1])
-    blocks = [slice(start, start + step) for start in range(0, shape[0], step)]
+    blocks = index_blocks(shape[0], _BLOCK // shape[1])
     sums = np.zeros((shape[0], 2, shape[1]))
     for batch in _batches(tables.families):
         first, *others = _joined([_FamilyTerm(ops, family, x, y) for family in batch])
